@@ -1,0 +1,97 @@
+"""Bounded slots between Zenoh's receive thread and a process's one worker thread.
+
+A Zenoh callback may neither block nor call Zenoh, and every microsecond in it delays all other
+topics of the session. So a callback only stores bytes here; decoding happens on the worker thread.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+from common.topics import TOPICS, Topic
+
+
+@dataclass(frozen=True)
+class Received:
+    """Bytes as they came from the bus, not decoded yet."""
+
+    topic: Topic
+    key: str
+    encoding: str
+    payload: bytes
+
+
+class Inbox:
+    """All that waits for one reactor. Many threads put, one thread drains.
+
+    Per topic and key at most `topic.depth` messages wait; an older one gives way and is counted,
+    so a stalled reader costs bounded memory and never sees a burst of stale data.
+    """
+
+    def __init__(self) -> None:
+        self.superseded = 0
+        self._lock = threading.Lock()
+        self._slots: dict[str, dict[str, deque[Received]]] = {}
+        self._events: list[Any] = []
+        self._signalled = False
+        self._wake: queue.SimpleQueue[None] = queue.SimpleQueue()
+
+    def open_topic(self, topic: Topic) -> None:
+        """Make room for a topic before the first message can come."""
+        with self._lock:
+            opened = {*self._slots, topic.name}
+            # Keep the table's order: episode control is read before what it concerns.
+            self._slots = {t.name: self._slots.get(t.name, {}) for t in TOPICS if t.name in opened}
+
+    def put(self, received: Received) -> None:
+        """Store bytes from the bus. Safe in a Zenoh callback: the lock is held for a swap only."""
+        with self._lock:
+            by_key = self._slots[received.topic.name]
+            slot = by_key.get(received.key)
+            if slot is None:
+                slot = by_key[received.key] = deque(maxlen=received.topic.depth)
+            if len(slot) == received.topic.depth:
+                self.superseded += 1
+            slot.append(received)
+            self._signal()
+
+    def put_event(self, event: Any) -> None:
+        """Store something that must not be lost: a liveliness change, a request, a command."""
+        with self._lock:
+            self._events.append(event)
+            self._signal()
+
+    def wait(self, timeout_s: float) -> bool:
+        """Sleep until something waits or the time is over; tell whether something waits."""
+        try:
+            self._wake.get(timeout=timeout_s)
+        except queue.Empty:
+            return False
+        # `drain` expects the token of a signal; give it back to the one reader.
+        self._wake.put(None)
+        return True
+
+    def drain(self) -> tuple[list[Any], list[Received]]:
+        """Take everything that waits: events first, then messages in the order of the table."""
+        with self._lock:
+            if not self._signalled:
+                return [], []
+            self._signalled = False
+            self._wake.get()
+            events, self._events = self._events, []
+            received: list[Received] = []
+            for by_key in self._slots.values():
+                if by_key:
+                    for slot in by_key.values():
+                        received.extend(slot)
+                    by_key.clear()
+        return events, received
+
+    def _signal(self) -> None:
+        if not self._signalled:
+            self._signalled = True
+            self._wake.put(None)

@@ -1,0 +1,327 @@
+"""The one tree of errors.
+
+LegatoError
+├─ ConfigError      UnknownName, InvalidValue, MissingExtra
+├─ ContractError    SchemaMismatch, MalformedMessage, WrongShape
+├─ ModelError       BadRobotFile, ModelMismatch, BadCalibration
+├─ LinkError        RouterUnreachable, NotReady, NodeTimeout, AlreadyRunning, PortInUse
+└─ StoreError       NotFound, NotWritable
+
+Each class is built from data, has a stable code and says what happened, what was expected or
+available, and what to do. Three edges translate it: the command line, REST (problem+json) and the
+bus (`EpisodeReady.problem`). Nothing else catches broadly.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from typing import ClassVar
+
+
+class LegatoError(Exception):
+    """Root of every error that LEGATO raises on purpose."""
+
+    code: ClassVar[str] = "E-LEGATO"
+    http_status: ClassVar[int] = 500
+
+    def __init__(self, happened: str, *, expected: str, action: str) -> None:
+        self.happened = happened
+        self.expected = expected
+        self.action = action
+        super().__init__(f"{happened}; {expected}; {action}")
+
+    def describe(self) -> dict[str, str]:
+        """Give the parts of the error as data, for any edge."""
+        return {
+            "code": self.code,
+            "happened": self.happened,
+            "expected": self.expected,
+            "action": self.action,
+        }
+
+
+class ConfigError(LegatoError):
+    """What was asked for cannot be meant."""
+
+    code = "E-CONFIG"
+    http_status = 422
+
+
+class UnknownName(ConfigError):
+    """A task, robot, policy, camera or topic that does not exist."""
+
+    code = "E-UNKNOWN-NAME"
+
+    def __init__(self, kind: str, name: str, known: Sequence[str]) -> None:
+        self.kind = kind
+        self.name = name
+        self.known = tuple(known)
+        close = difflib.get_close_matches(name, self.known, n=1, cutoff=0.5)
+        self.suggestion = close[0] if close else None
+        super().__init__(
+            f'no {kind} "{name}"',
+            expected=f"known: {', '.join(self.known) or 'none'}",
+            action=f"did you mean: {self.suggestion}" if self.suggestion else "use a known name",
+        )
+
+
+class InvalidValue(ConfigError):
+    """A value outside what the field allows."""
+
+    code = "E-INVALID-VALUE"
+
+    def __init__(self, field: str, value: object, expected: str) -> None:
+        self.field = field
+        self.value = value
+        super().__init__(
+            f"{field} is {value!r}", expected=f"expected {expected}", action=f"change {field}"
+        )
+
+
+class MissingExtra(ConfigError):
+    """A third-party package that an extra would have installed."""
+
+    code = "E-MISSING-EXTRA"
+
+    def __init__(self, package: str, extra: str) -> None:
+        self.package = package
+        self.extra = extra
+        super().__init__(
+            f"the package {package} is not installed",
+            expected=f"it comes with the extra [{extra}]",
+            action=f"run: pip install 'legato[{extra}]'",
+        )
+
+
+class ContractError(LegatoError):
+    """Two processes do not agree on a message."""
+
+    code = "E-CONTRACT"
+    http_status = 502
+
+
+class SchemaMismatch(ContractError):
+    """A message whose schema or version is not the topic's."""
+
+    code = "E-SCHEMA"
+
+    def __init__(self, topic: str, expected: str, got: str) -> None:
+        self.topic = topic
+        self.expected_schema = expected
+        self.got_schema = got
+        super().__init__(
+            f"{topic}: message of schema {got or '(none)'}",
+            expected=f"expected {expected}",
+            action="run the same version of LEGATO in every process",
+        )
+
+
+class MalformedMessage(ContractError):
+    """Bytes of the right schema that do not decode or validate."""
+
+    code = "E-MALFORMED"
+
+    def __init__(self, topic: str, schema: str, problem: str) -> None:
+        self.topic = topic
+        self.schema = schema
+        self.problem = problem
+        super().__init__(
+            f"{topic}: {problem}",
+            expected=f"expected a valid {schema}",
+            action="look at the sender; the message was dropped",
+        )
+
+
+class WrongShape(ContractError):
+    """An array that is too short or too long for the robot."""
+
+    code = "E-SHAPE"
+
+    def __init__(self, what: str, expected: int, got: int) -> None:
+        self.what = what
+        self.expected_length = expected
+        self.got_length = got
+        super().__init__(
+            f"{what} has {got} values",
+            expected=f"expected {expected}",
+            action="check that both sides use the same robot",
+        )
+
+
+class ModelError(LegatoError):
+    """A robot, task or calibration file that cannot be used."""
+
+    code = "E-MODEL"
+
+
+class BadRobotFile(ModelError):
+    """A robot folder with a missing, unreadable or contradictory entry."""
+
+    code = "E-ROBOT-FILE"
+
+    def __init__(self, robot: str, element: str, problem: str) -> None:
+        self.robot = robot
+        self.element = element
+        self.problem = problem
+        super().__init__(
+            f"robot {robot}: {element}: {problem}",
+            expected="expected model.xml and robot.toml to agree",
+            action=f"correct common/robots/{robot}",
+        )
+
+
+class ModelMismatch(ModelError):
+    """The Pinocchio model and the MuJoCo model of one robot disagree."""
+
+    code = "E-MODEL-MISMATCH"
+
+    def __init__(self, robot: str, what: str, difference: float, tolerance: float) -> None:
+        self.robot = robot
+        self.what = what
+        self.difference = difference
+        self.tolerance = tolerance
+        super().__init__(
+            f"robot {robot}: {what} differs by {difference:.3g} between MuJoCo and Pinocchio",
+            expected=f"expected at most {tolerance:.1g}",
+            action=f"check the joints of common/robots/{robot}/model.xml",
+        )
+
+
+class BadCalibration(ModelError):
+    """A camera calibration file that cannot be used."""
+
+    code = "E-CALIBRATION"
+
+    def __init__(self, name: str, problem: str) -> None:
+        self.name = name
+        self.problem = problem
+        super().__init__(
+            f"camera {name}: {problem}",
+            expected="expected a calibration as described in docs/conventions.md",
+            action=f"correct common/calibration/{name}.toml",
+        )
+
+
+class LinkError(LegatoError):
+    """A process that cannot be reached or is not ready."""
+
+    code = "E-LINK"
+    http_status = 503
+
+
+class RouterUnreachable(LinkError):
+    """No Zenoh router answers at the endpoint."""
+
+    code = "E-ROUTER"
+
+    def __init__(self, endpoint: str, after_s: float) -> None:
+        self.endpoint = endpoint
+        self.after_s = after_s
+        super().__init__(
+            f"no router at {endpoint} after {after_s:.1f} s",
+            expected="expected a running LEGATO router",
+            action="run: legato up",
+        )
+
+
+class NotReady(LinkError):
+    """A service that an evaluation needs is not running."""
+
+    code = "E-NOT-READY"
+
+    def __init__(self, needed: str, running: Sequence[str]) -> None:
+        self.needed = needed
+        self.running = tuple(running)
+        super().__init__(
+            f"{needed} is not running",
+            expected=f"running: {', '.join(self.running) or 'nothing'}",
+            action="start it with: legato up",
+        )
+
+
+class NodeTimeout(LinkError):
+    """A process that did not answer in time."""
+
+    code = "E-NODE-TIMEOUT"
+    http_status = 504
+
+    def __init__(self, node: str, waited_for: str, after_s: float) -> None:
+        self.node = node
+        self.waited_for = waited_for
+        self.after_s = after_s
+        super().__init__(
+            f"{node} sent no {waited_for} for {after_s:.1f} s",
+            expected=f"expected {waited_for} from {node}",
+            action=f"look at the log of {node}",
+        )
+
+
+class AlreadyRunning(LinkError):
+    """A second process where only one may be."""
+
+    code = "E-ALREADY-RUNNING"
+    http_status = 409
+
+    def __init__(self, what: str, where: str) -> None:
+        self.what = what
+        self.where = where
+        super().__init__(
+            f"{what} is already running in {where}",
+            expected="expected to be the only one",
+            action="stop it with: legato down, or choose another --namespace",
+        )
+
+
+class PortInUse(LinkError):
+    """A TCP port that something else listens on."""
+
+    code = "E-PORT-IN-USE"
+    http_status = 409
+
+    def __init__(self, purpose: str, host: str, port: int) -> None:
+        self.purpose = purpose
+        self.host = host
+        self.port = port
+        super().__init__(
+            f"port {port} on {host} ({purpose}) is in use",
+            expected="expected a free port",
+            action="stop what listens there, or choose another port",
+        )
+
+
+class StoreError(LegatoError):
+    """Results that cannot be read or written."""
+
+    code = "E-STORE"
+
+
+class NotFound(StoreError):
+    """An evaluation or picture that does not exist."""
+
+    code = "E-NOT-FOUND"
+    http_status = 404
+
+    def __init__(self, kind: str, identifier: str) -> None:
+        self.kind = kind
+        self.identifier = identifier
+        super().__init__(
+            f'no {kind} "{identifier}"',
+            expected=f"expected the id of an existing {kind}",
+            action=f"list them with: GET /api/v1/{kind}s",
+        )
+
+
+class NotWritable(StoreError):
+    """A database or folder that cannot be written."""
+
+    code = "E-NOT-WRITABLE"
+
+    def __init__(self, path: str, problem: str) -> None:
+        self.path = path
+        self.problem = problem
+        super().__init__(
+            f"cannot write {path}: {problem}",
+            expected="expected a writable file in an existing folder",
+            action="correct the permissions or choose another --data folder",
+        )

@@ -1,0 +1,82 @@
+"""One file per family of typed messages. `ALL` lists every message that may be on the bus."""
+
+from __future__ import annotations
+
+from common.messages.base import Header, Message, Mode, PoseWire, Reply
+from common.messages.camera import StereoFrame
+from common.messages.episode import (
+    Distribution,
+    EpisodeAbort,
+    EpisodeConfigure,
+    EpisodeEvent,
+    EpisodePicture,
+    EpisodeReady,
+    EpisodeResult,
+    EpisodeStart,
+    Outcome,
+    Problem,
+    StageTimes,
+)
+from common.messages.gripper import GripperState, MotorCommand, MotorState
+from common.messages.local import AskDescription, LocalMessage, NodeDown, NodeUp, Tick
+from common.messages.node import NodeDescription, NodeMetrics
+from common.messages.policy import ActionStep, GroundTruth, PolicyAction
+from common.messages.robot import RetargetStatus, RobotCommand, RobotState
+
+ALL: tuple[type[Message], ...] = (
+    RobotState,
+    RobotCommand,
+    RetargetStatus,
+    MotorState,
+    MotorCommand,
+    GripperState,
+    StereoFrame,
+    PolicyAction,
+    GroundTruth,
+    EpisodeConfigure,
+    EpisodeReady,
+    EpisodeStart,
+    EpisodeAbort,
+    EpisodeEvent,
+    EpisodePicture,
+    EpisodeResult,
+    NodeDescription,
+    NodeMetrics,
+)
+
+__all__ = [
+    "ALL",
+    "Header",
+    "Message",
+    "Reply",
+    "Mode",
+    "PoseWire",
+    "LocalMessage",
+    "Tick",
+    "NodeUp",
+    "NodeDown",
+    "AskDescription",
+    "RobotState",
+    "RobotCommand",
+    "RetargetStatus",
+    "MotorState",
+    "MotorCommand",
+    "GripperState",
+    "StereoFrame",
+    "ActionStep",
+    "PolicyAction",
+    "GroundTruth",
+    "Problem",
+    "Outcome",
+    "Distribution",
+    "StageTimes",
+    "EpisodeConfigure",
+    "EpisodeReady",
+    "EpisodeStart",
+    "EpisodeAbort",
+    "EpisodeEvent",
+    "EpisodePicture",
+    "EpisodeResult",
+    "NodeDescription",
+    "NodeMetrics",
+]

@@ -1,0 +1,71 @@
+"""The base of every message: strict, frozen, finite, with a header."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from annotated_types import Ge, Len
+from pydantic import BaseModel, ConfigDict, StringConstraints
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}$")]
+"""A name that may stand in a key: a cell, a node, a robot, a task, a policy."""
+
+Vector3 = Annotated[list[float], Len(3, 3)]
+"""Three numbers; the field's name says the frame and the unit."""
+
+PoseWire = Annotated[list[float], Len(7, 7)]
+"""A pose `[x, y, z, qw, qx, qy, qz]`: metres and a unit quaternion wxyz."""
+
+Joints = Annotated[list[float], Len(1, 64)]
+"""One number per degree of freedom, in the order of the robot's model."""
+
+Natural = Annotated[int, Ge(0)]
+
+Mode = Literal["lockstep", "realtime"]
+
+MODEL_CONFIG = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Header(BaseModel):
+    """Where a message comes from and which moment it speaks of.
+
+    `seq` and `t_mono_ns` are stamped by the runner when the message leaves the process;
+    `t_mono_ns` is the sender's monotonic clock and is comparable only within one host.
+    """
+
+    model_config = MODEL_CONFIG
+
+    cell: str = ""
+    episode: str = ""
+    epoch: Natural = 0
+    source: str = ""
+    seq: Natural = 0
+    step: Annotated[int, Ge(-1)] = 0
+    """Simulation control tick, 100 Hz."""
+    t_sim_s: float = 0.0
+    t_mono_ns: Natural = 0
+
+
+class Message(BaseModel):
+    """A typed message. `version` rises whenever a field changes."""
+
+    model_config = MODEL_CONFIG
+    version: ClassVar[int] = 1
+
+    header: Header
+
+    @classmethod
+    def schema_name(cls) -> str:
+        """Name and version as they stand in the encoding, e.g. `legato.RobotState.v1`."""
+        return f"legato.{cls.__name__}.v{cls.version}"
+
+
+class Reply(Message):
+    """A message that answers another one.
+
+    `request_t_mono_ns` echoes the request's stamp, so that the asker measures the round trip on
+    its own clock.
+    """
+
+    for_step: Natural
+    request_t_mono_ns: Natural

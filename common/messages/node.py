@@ -1,0 +1,40 @@
+from __future__ import annotations
+
+from typing import Annotated
+
+from annotated_types import Ge
+
+from common.messages.base import Message, Name, Natural
+
+
+class NodeDescription(Message):
+    """What a node is and offers; the answer to `describe`."""
+
+    kind: Name
+    node: Name
+    code_version: str
+    packages: dict[str, str]
+    """Versions of the third-party packages that shape its results."""
+    host: str
+    pid: Natural
+    started_unix_s: Annotated[float, Ge(0)]
+    offers: dict[str, list[str]]
+    """What it can serve: `robots`, `policies`, `tasks`, `cells`."""
+
+
+class NodeMetrics(Message):
+    """Counters of a node since it started; sent once a second."""
+
+    node: Name
+    handled: Natural
+    published: Natural
+    rejected: Natural
+    """Messages of a wrong schema or shape."""
+    superseded: Natural
+    """Messages replaced by a newer one before they were handled."""
+    stale: Natural
+    """Messages of another epoch."""
+    gaps: Natural
+    """Sequence numbers that never arrived."""
+    handle_time_s: Annotated[float, Ge(0)]
+    """Time inside the reactor."""

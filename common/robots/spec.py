@@ -1,0 +1,119 @@
+"""What robot.toml says about a robot, beyond what its MJCF can say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from annotated_types import Ge, Gt, Len
+from pydantic import BaseModel, ConfigDict, model_validator
+
+from common.messages.base import Name
+
+_CONFIG = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+Positive = Annotated[float, Gt(0)]
+
+
+class JointSpec(BaseModel):
+    """One hinge or slide, in the order of the model. Position limits are the MJCF's `range`."""
+
+    model_config = _CONFIG
+
+    name: Name
+    velocity_limit: Positive
+    """[rad/s, m/s]"""
+    acceleration_limit: Positive
+    """[rad/s2, m/s2]"""
+    torque_limit: Positive
+    """[N m, N]"""
+    kp: Positive
+    """Position gain of the low-level servo [N m/rad, N/m]."""
+    kd: Annotated[float, Ge(0)]
+    """Velocity gain of the low-level servo [N m s/rad, N s/m]."""
+    start: float
+    """Position at the start of an episode: the tool stands at the common start pose [rad, m]."""
+    bias: float
+    """Posture the last level pulls to [rad, m]."""
+    level1_weight: Positive = 1.0
+    """Diagonal of H: how unwilling the joint is to move for the hand."""
+    level2_weight: Positive = 1.0
+    """Diagonal of W: how much the posture cares about the joint."""
+
+
+class HandServo(BaseModel):
+    """Servo of a free hand that follows poses directly (the Abstract embodiment)."""
+
+    model_config = _CONFIG
+
+    kp_n_per_m: Positive
+    kd_n_s_per_m: Annotated[float, Ge(0)]
+    force_limit_n: Positive
+    kp_nm_per_rad: Positive
+    kd_nm_s_per_rad: Annotated[float, Ge(0)]
+    torque_limit_nm: Positive
+
+
+class RetargetSpec(BaseModel):
+    """Gains of the retargeter (docs/retargeting.md names the symbols)."""
+
+    model_config = _CONFIG
+
+    rotation_scale_m: Positive = 1.0
+    """L: metres that one radian of hand error weighs."""
+    hand_gain_per_s: Positive = 100.0
+    """K: hand error to hand velocity."""
+    hand_speed_cap_m_s: Positive = 1.5
+    hand_turn_cap_rad_s: Positive = 3.0
+    hand_acceleration_m_s2: Positive = 3.0
+    hand_acceleration_rad_s2: Positive = 8.0
+    posture_gain_per_s: Positive = 10.0
+    """Kb: posture error to joint velocity."""
+
+
+class RobotSpec(BaseModel):
+    """A robot. `kind` decides which retargeter and which servo it gets."""
+
+    model_config = _CONFIG
+
+    name: Name
+    title: str
+    kind: Literal["free_hand", "joints"]
+    tool_site: str = "tool"
+    """Site of model.xml at the tool frame: +x along the fingers, +z towards the camera."""
+    joints: tuple[JointSpec, ...] = ()
+    hand: HandServo | None = None
+    retarget: RetargetSpec = RetargetSpec()
+    T_world_start: Annotated[tuple[float, ...], Len(7, 7)] = (0.1, -0.3, 0.8, 1.0, 0.0, 0.0, 0.0)
+    """Tool pose at the start of an episode, the same for every robot: x y z qw qx qy qz."""
+    folder: Path
+
+    @model_validator(mode="after")
+    def _kind_has_its_parts(self) -> Self:
+        if self.kind == "free_hand" and (self.hand is None or self.joints):
+            raise ValueError("a free_hand has a [hand] table and no [[joints]]")
+        if self.kind == "joints" and (self.hand is not None or not self.joints):
+            raise ValueError("a robot of kind joints has [[joints]] and no [hand] table")
+        return self
+
+    @property
+    def model_path(self) -> Path:
+        """The robot's MJCF."""
+        return self.folder / "model.xml"
+
+    @property
+    def nq(self) -> int:
+        """Length of `RobotState.positions`."""
+        return 7 if self.kind == "free_hand" else len(self.joints)
+
+    @property
+    def nv(self) -> int:
+        """Length of `RobotState.velocities`."""
+        return 6 if self.kind == "free_hand" else len(self.joints)
+
+    @property
+    def start_positions(self) -> list[float]:
+        """Joint positions at the start of an episode, as in `RobotState.positions`."""
+        if self.kind == "free_hand":
+            return list(self.T_world_start)
+        return [joint.start for joint in self.joints]

@@ -1,0 +1,338 @@
+"""The Reactor protocol and the two ways to run one: as a process, or several in one thread."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import logging
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import ClassVar, TypeAlias
+
+from common import __version__
+from common.bus import Bus, BusSettings, Inbox, Received, decode, open_session
+from common.bus.bus import DescribeRequest
+from common.errors import AlreadyRunning, ContractError
+from common.messages import (
+    AskDescription,
+    EpisodeConfigure,
+    Header,
+    LocalMessage,
+    Message,
+    Mode,
+    NodeDescription,
+    NodeMetrics,
+    Tick,
+)
+from common.topics import owner_of, topics_of
+
+log = logging.getLogger(__name__)
+
+AnyMessage: TypeAlias = Message | LocalMessage
+Sink: TypeAlias = Callable[[LocalMessage], None]
+
+HEARTBEAT_NS = 1_000_000_000
+SWITCH_INTERVAL_S = 2e-4
+"""Python's default of 5 ms lets a busy thread delay Zenoh's receive thread by as much."""
+
+
+class Reactor:
+    """A service: it is given typed messages and returns typed messages.
+
+    It owns no thread, no socket, no clock and no bus. Time reaches it as `Tick`, other nodes as
+    `NodeUp` and `NodeDown`. Subclasses set `kind` and `inputs` and implement `handle`.
+    """
+
+    kind: ClassVar[str]
+    inputs: ClassVar[tuple[type[Message], ...]]
+    watches_nodes: ClassVar[bool] = False
+    """Whether it is told about `NodeUp` and `NodeDown`, and given each node's description."""
+    packages: ClassVar[tuple[str, ...]] = ()
+    """Third-party packages that shape its results, for the record."""
+
+    def handle(self, messages: Sequence[AnyMessage]) -> Iterable[AnyMessage]:
+        """Take what is waiting and return what to send, in order."""
+        raise NotImplementedError
+
+    def offers(self) -> Mapping[str, list[str]]:
+        """What this node can serve, e.g. `{"robots": ["panda"]}`."""
+        return {}
+
+    def serves(self, cell: str) -> bool:
+        """Whether data of this cell concerns it now; what does not is dropped undecoded."""
+        del cell
+        return True
+
+    @property
+    def owned_cell(self) -> str | None:
+        """The one cell it owns, or None to hear all cells."""
+        return None
+
+    @property
+    def tick_period_s(self) -> float:
+        """How often it wants a `Tick`."""
+        return 0.1
+
+
+class Host:
+    """One reactor on a bus: it receives, decodes, fences epochs, stamps, publishes and counts."""
+
+    def __init__(self, reactor: Reactor, bus: Bus, *, node: str, sink: Sink | None = None) -> None:
+        self.reactor = reactor
+        self.node = node
+        self.inbox = Inbox()
+        self._bus = bus
+        self._sink = sink
+        self._epochs: dict[str, int] = {}
+        self._modes: dict[str, Mode] = {}
+        self._sequence: defaultdict[tuple[str, str], int] = defaultdict(int)
+        self._last_seen: dict[tuple[str, str, str], int] = {}
+        self._complained: set[tuple[str, str]] = set()
+        self._next_tick_ns = 0
+        self._next_beat_ns = 0
+        self._counts = {"handled": 0, "published": 0, "rejected": 0, "stale": 0, "gaps": 0}
+        self._handle_ns = 0
+        self._started_unix_s = time.time()
+
+    def start(self) -> None:
+        """Subscribe, then declare the liveliness token: from here on the node is ready."""
+        for topic in topics_of(self.reactor.inputs):
+            owner = self.reactor.owned_cell if topic.scope == "cell" else None
+            self._bus.subscribe(topic, self.inbox, owner=owner or "*")
+        self._bus.serve_description(self.node, self.inbox)
+        if self.reactor.watches_nodes:
+            self._bus.watch_alive(self.inbox)
+        self._bus.declare_alive(self.reactor.kind, self.node)
+
+    def spin(self) -> bool:
+        """Handle everything that waits; tell whether there was anything."""
+        events, received = self.inbox.drain()
+        if not events and not received:
+            return False
+        messages: list[AnyMessage] = []
+        for event in events:
+            if isinstance(event, DescribeRequest):
+                event.answer(self.describe())
+            else:
+                messages.append(event)
+        for item in received:
+            message = self._accept(item)
+            if message is not None:
+                messages.append(message)
+        if messages:
+            self._handle(messages)
+        return True
+
+    def tick(self, now_ns: int) -> None:
+        """Hand the reactor a `Tick` and send a heartbeat, each when due."""
+        if now_ns >= self._next_tick_ns:
+            self._next_tick_ns = now_ns + int(self.reactor.tick_period_s * 1e9)
+            self._handle([Tick(now_ns)])
+        if now_ns >= self._next_beat_ns:
+            self._next_beat_ns = now_ns + HEARTBEAT_NS
+            self._publish(self.metrics())
+
+    def next_tick_in_s(self, now_ns: int) -> float:
+        """Time until the reactor wants its next `Tick` [s]."""
+        return max(0.0, (self._next_tick_ns - now_ns) * 1e-9)
+
+    def describe(self) -> NodeDescription:
+        """What this node is and offers."""
+        return NodeDescription(
+            header=Header(source=self.node),
+            kind=self.reactor.kind,
+            node=self.node,
+            code_version=__version__,
+            packages={name: importlib.metadata.version(name) for name in self.reactor.packages},
+            host=socket.gethostname(),
+            pid=os.getpid(),
+            started_unix_s=self._started_unix_s,
+            offers=dict(self.reactor.offers()),
+        )
+
+    def metrics(self) -> NodeMetrics:
+        """Counters since the start."""
+        return NodeMetrics(
+            header=Header(source=self.node),
+            node=self.node,
+            superseded=self.inbox.superseded,
+            handle_time_s=self._handle_ns * 1e-9,
+            **self._counts,
+        )
+
+    def ask_description(self, node: str) -> None:
+        """Ask another node what it is; the answer arrives as a `NodeDescription`."""
+        self._bus.ask_description(node, self.inbox)
+
+    def _accept(self, item: Received) -> Message | None:
+        """Decode one message, or count why it is not for the reactor."""
+        topic = item.topic
+        if topic.scope == "cell":
+            control = topic.name.startswith("episode/")
+            if not control and not self.reactor.serves(owner_of(topic, item.key)):
+                return None
+        try:
+            message = decode(topic, item.encoding, item.payload)
+        except ContractError as error:
+            self._counts["rejected"] += 1
+            if (topic.name, error.code) not in self._complained:
+                self._complained.add((topic.name, error.code))
+                log.warning("message rejected", extra={"key": item.key, **error.describe()})
+            return None
+        if topic.scope == "cell" and not self._is_current(message):
+            self._counts["stale"] += 1
+            return None
+        self._count_gap(topic.name, message.header)
+        return message
+
+    def _is_current(self, message: Message) -> bool:
+        """Fence epochs: a new configuration opens one, everything else must belong to it."""
+        cell, epoch = message.header.cell, message.header.epoch
+        current = self._epochs.get(cell, 0)
+        if isinstance(message, EpisodeConfigure):
+            if epoch < current:
+                return False
+            self._enter_epoch(message)
+            return True
+        return epoch == current
+
+    def _enter_epoch(self, configure: EpisodeConfigure) -> None:
+        self._epochs[configure.header.cell] = configure.header.epoch
+        self._modes[configure.header.cell] = configure.mode
+
+    def _count_gap(self, topic: str, header: Header) -> None:
+        key = (header.source, topic, header.cell)
+        last = self._last_seen.get(key)
+        if last is not None and header.seq > last + 1:
+            self._counts["gaps"] += header.seq - last - 1
+        self._last_seen[key] = header.seq
+
+    def _handle(self, messages: Sequence[AnyMessage]) -> None:
+        started = time.perf_counter_ns()
+        self._counts["handled"] += len(messages)
+        # A list, so that publishing is not counted as the reactor's time.
+        outputs = list(self.reactor.handle(messages))
+        self._handle_ns += time.perf_counter_ns() - started
+        for message in outputs:
+            if isinstance(message, Message):
+                self._publish(message)
+            elif isinstance(message, AskDescription):
+                self.ask_description(message.node)
+            elif self._sink is not None:
+                self._sink(message)
+
+    def _publish(self, message: Message) -> None:
+        if isinstance(message, EpisodeConfigure):
+            self._enter_epoch(message)
+        header = message.header
+        sequence_key = (type(message).__name__, header.cell)
+        seq = self._sequence[sequence_key] = self._sequence[sequence_key] + 1
+        stamped = message.model_copy(
+            update={
+                "header": header.model_copy(
+                    update={"seq": seq, "t_mono_ns": time.monotonic_ns(), "source": self.node}
+                )
+            }
+        )
+        self._counts["published"] += 1
+        self._bus.publish(
+            stamped,
+            owner=header.cell or self.node,
+            mode=self._modes.get(header.cell, "lockstep"),
+        )
+
+
+def run_process(
+    reactor: Reactor,
+    settings: BusSettings,
+    *,
+    node: str,
+    sink: Sink | None = None,
+    parent_pid: int | None = None,
+    unique: bool = False,
+    on_host: Callable[[Host, threading.Event], None] | None = None,
+    stop: threading.Event | None = None,
+) -> None:
+    """Give a reactor to Zenoh as a process and return after SIGTERM or SIGINT.
+
+    Args:
+        reactor: The service.
+        settings: Where its bus is.
+        node: Its name; the liveliness token is `alive/<kind>/<node>`.
+        sink: Takes the local messages the reactor returns (results for a database, say).
+        parent_pid: Stop when this process is no longer the parent, so that nothing outlives a
+            supervisor that was killed.
+        unique: Refuse to start beside another node of the same kind.
+        on_host: Called with the running host, for edges that hand messages in.
+        stop: Ends the loop when set; by default SIGTERM and SIGINT set one of our own.
+
+    Raises:
+        RouterUnreachable: No router in time.
+        AlreadyRunning: `unique`, and there is one.
+    """
+    if stop is None:
+        stop = threading.Event()
+        install_stop_signals(stop)
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    with open_session(settings, stop=stop) as session, Bus(session) as bus:
+        if unique:
+            _refuse_second(bus, reactor.kind, settings)
+        host = Host(reactor, bus, node=node, sink=sink)
+        host.start()
+        log.info("ready", extra={"kind": reactor.kind, "node": node})
+        if on_host is not None:
+            on_host(host, stop)
+        while not stop.is_set():
+            # The longest sleep bounds how fast SIGTERM and a lost parent are noticed.
+            host.inbox.wait(min(0.1, host.next_tick_in_s(time.monotonic_ns())))
+            host.spin()
+            host.tick(time.monotonic_ns())
+            if parent_pid is not None and os.getppid() != parent_pid:
+                log.warning("parent is gone, stopping", extra={"parent_pid": parent_pid})
+                break
+        log.info("stopping", extra={"kind": reactor.kind, "node": node})
+
+
+def install_stop_signals(stop: threading.Event) -> None:
+    """Let SIGTERM and SIGINT set an event; the loop then ends and closes its session."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+
+
+def _refuse_second(bus: Bus, kind: str, settings: BusSettings) -> None:
+    # The token of one that was just killed may live for a lease (1 s): look twice.
+    for attempt in range(2):
+        if not bus.list_alive(kind):
+            return
+        if attempt == 0:
+            time.sleep(1.2)
+    raise AlreadyRunning(kind, f"namespace {settings.namespace} at {settings.endpoint}")
+
+
+class InlineRunner:
+    """Several reactors driven from one thread over one session without links."""
+
+    def __init__(self, hosts: Sequence[Host]) -> None:
+        self._hosts = tuple(hosts)
+
+    def start(self) -> None:
+        """Start every host, in order."""
+        for host in self._hosts:
+            host.start()
+
+    def run(self, until: Callable[[], bool]) -> None:
+        """Spin all hosts in turn until the condition holds."""
+        while not until():
+            busy = False
+            for host in self._hosts:
+                busy = host.spin() or busy
+            now_ns = time.monotonic_ns()
+            for host in self._hosts:
+                host.tick(now_ns)
+            if not busy:
+                time.sleep(min(0.001, *(host.next_tick_in_s(now_ns) for host in self._hosts)))
