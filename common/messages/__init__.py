@@ -16,6 +16,7 @@ from common.messages.episode import (
     Outcome,
     Problem,
     StageTimes,
+    TrialResult,
 )
 from common.messages.gripper import GripperState, MotorCommand, MotorState
 from common.messages.local import AskDescription, LocalMessage, NodeDown, NodeUp, Tick
@@ -70,6 +71,7 @@ __all__ = [
     "Outcome",
     "Distribution",
     "StageTimes",
+    "TrialResult",
     "EpisodeConfigure",
     "EpisodeReady",
     "EpisodeStart",

@@ -36,6 +36,8 @@ class EpisodeConfigure(Message):
     """Lockstep: time from a frame to the moment its action takes effect."""
     node_deadline_s: Annotated[float, Gt(0), Le(600)] = 1.6
     """Wall time after which a silent node aborts the episode."""
+    full_grid: bool = False
+    """Trace every pixel instead of interpolating even regions."""
     pictures: bool = False
     """Send `EpisodePicture`s of the key moments after the episode."""
 
@@ -110,8 +112,10 @@ class StageTimes(BaseModel):
     """Part of `waiting_s`: time inside the policy."""
 
 
-class EpisodeResult(Message):
-    """How an episode ended. The owner of the cell sends exactly one per epoch."""
+class TrialResult(BaseModel):
+    """How an episode ended and what was measured; the same in messages, REST and reports."""
+
+    model_config = MODEL_CONFIG
 
     outcome: Outcome
     reason: str
@@ -134,3 +138,9 @@ class EpisodeResult(Message):
     resends: Natural
     """Lockstep: ticks that had to be sent again."""
     trace_sha256: Annotated[str, Len(64, 64)]
+
+
+class EpisodeResult(Message):
+    """How an episode ended. The owner of the cell sends exactly one per epoch."""
+
+    result: TrialResult
