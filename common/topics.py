@@ -55,7 +55,7 @@ TOPICS: tuple[Topic, ...] = (
     Topic("retarget/status", m.RetargetStatus, "cell", 100, 1, "real_time", False),
     Topic("gripper/motor_state", m.MotorState, "cell", 100, 1, "interactive_high", False),
     Topic("gripper/motor_command", m.MotorCommand, "cell", 100, 1, "real_time", False),
-    Topic("gripper/state", m.GripperState, "cell", 100, 1, "data", False),
+    Topic("gripper/state", m.GripperState, "cell", 10, 1, "data", False),
     Topic("camera/stereo", m.StereoFrame, "cell", 10, 1, "data", False),
     Topic("truth", m.GroundTruth, "cell", 10, 1, "data", False),
     Topic("describe", m.NodeDescription, "node", 0, 64, "data", True),

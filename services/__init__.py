@@ -1,0 +1,1 @@
+"""One package per process; they never import each other."""

@@ -1,0 +1,153 @@
+"""The gripper driver as a reactor: one driver per cell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+from common.clock import FRAME_TICKS
+from common.messages import (
+    EpisodeAbort,
+    EpisodeConfigure,
+    EpisodeReady,
+    GripperState,
+    Header,
+    Message,
+    MotorCommand,
+    MotorState,
+    PolicyAction,
+)
+from common.service import AnyMessage, Reactor
+from services.gripper.driver import Driver, DriverConfig
+from services.gripper.motors import MotorReading, SimulatedMotors
+
+
+@dataclass
+class _Cell:
+    """State of one cell's gripper in one episode."""
+
+    configure: EpisodeConfigure
+    motors: SimulatedMotors
+    driver: Driver
+    action: PolicyAction | None = None
+    waiting: MotorState | None = None
+    last_step: int = -1
+    last_reply: list[Message] = field(default_factory=list[Message])
+
+
+class GripperReactor(Reactor):
+    """Drives the grippers of any number of cells.
+
+    Args:
+        node: Its name.
+        config: Speeds and limits of the fingers.
+    """
+
+    kind = "gripper"
+    inputs = (EpisodeConfigure, EpisodeAbort, MotorState, PolicyAction)
+
+    def __init__(self, *, node: str, config: DriverConfig | None = None) -> None:
+        self.node = node
+        self._config = config or DriverConfig()
+        self._cells: dict[str, _Cell] = {}
+
+    def serves(self, cell: str) -> bool:
+        """Only cells whose episode uses this driver."""
+        return cell in self._cells
+
+    def handle(self, messages: Sequence[AnyMessage]) -> Iterable[AnyMessage]:
+        """Take readings and actions, return motor commands and gripper states."""
+        outputs: list[AnyMessage] = []
+        for message in messages:
+            if isinstance(message, EpisodeConfigure):
+                outputs += self._prepare(message)
+            elif isinstance(message, EpisodeAbort):
+                self._cells.pop(message.header.cell, None)
+            elif isinstance(message, PolicyAction):
+                outputs += self._take_action(message)
+            elif isinstance(message, MotorState):
+                outputs += self._take_state(message)
+        return outputs
+
+    def _prepare(self, configure: EpisodeConfigure) -> list[Message]:
+        self._cells.pop(configure.header.cell, None)
+        if configure.nodes.get(self.kind) != self.node:
+            return []
+        motors = SimulatedMotors()
+        driver = Driver(motors, self._config)
+        self._cells[configure.header.cell] = _Cell(configure, motors, driver)
+        return [EpisodeReady(header=configure.header, node=self.node, kind=self.kind)]
+
+    def _take_action(self, action: PolicyAction) -> list[Message]:
+        cell = self._cells.get(action.header.cell)
+        if cell is None:
+            return []
+        cell.action = action
+        if cell.configure.mode == "realtime":
+            cell.driver.grasp = action.steps[0].grasp
+        elif cell.waiting is not None:
+            return self._take_state(cell.waiting)
+        return []
+
+    def _take_state(self, state: MotorState) -> list[Message]:
+        cell = self._cells.get(state.header.cell)
+        if cell is None or state.header.step < cell.last_step:
+            return []
+        if state.header.step == cell.last_step:
+            return cell.last_reply
+        cell.waiting = None
+        if state.due_frame_step >= 0:
+            if cell.action is None or cell.action.for_step != state.due_frame_step:
+                cell.waiting = state
+                return []
+            cell.driver.grasp = cell.action.steps[0].grasp
+        cell.last_step = state.header.step
+        cell.last_reply = self._drive(cell, state)
+        return cell.last_reply
+
+    def _drive(self, cell: _Cell, state: MotorState) -> list[Message]:
+        cell.motors.receive(
+            MotorReading(
+                _pair(state.positions_rad), _pair(state.velocities_rad_s), _pair(state.currents_a)
+            )
+        )
+        report = cell.driver.step()
+        goal = cell.motors.goal
+        if goal is None:
+            raise RuntimeError("the driver wrote no goal")
+        header = Header(
+            cell=state.header.cell,
+            episode=state.header.episode,
+            epoch=state.header.epoch,
+            step=state.header.step,
+            t_sim_s=state.header.t_sim_s,
+        )
+        step, asked_ns = state.header.step, state.header.t_mono_ns
+        replies: list[Message] = [
+            MotorCommand(
+                header=header,
+                for_step=step,
+                request_t_mono_ns=asked_ns,
+                positions_rad=list(goal.positions_rad),
+                current_limit_a=goal.current_limit_a,
+            )
+        ]
+        # The state as a tool changes slowly: 10 Hz is what its readers need.
+        if step % FRAME_TICKS == 0:
+            replies.append(
+                GripperState(
+                    header=header,
+                    for_step=step,
+                    request_t_mono_ns=asked_ns,
+                    opening_m=report.opening_m,
+                    grasp=cell.driver.grasp,
+                    moving=report.moving,
+                    gripped=report.gripped,
+                )
+            )
+        return replies
+
+
+def _pair(values: list[float]) -> tuple[float, float]:
+    left, right = values
+    return left, right

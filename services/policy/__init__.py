@@ -1,0 +1,1 @@
+"""Policies: scripted experts and control arms now, networks later, all behind one interface."""

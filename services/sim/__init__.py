@@ -1,0 +1,1 @@
+"""MuJoCo world, ray camera, low-level servos, episode state machine, ground truth."""

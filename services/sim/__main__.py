@@ -1,0 +1,29 @@
+"""`python -m services.sim --node sim-0`: one simulated cell as a process."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+
+
+def main() -> int:
+    """Run a simulated cell until SIGTERM."""
+    # Threads of a BLAS library fight with the other processes for the cores.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from common.process import add_bus_options, run_service
+
+    parser = argparse.ArgumentParser(prog="services.sim", description=__doc__)
+    add_bus_options(parser, default_node="sim-0")
+    args = parser.parse_args()
+
+    def make_reactor() -> SimReactor:
+        return SimReactor(node=args.node)
+
+    from services.sim.reactor import SimReactor
+
+    return run_service(make_reactor, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

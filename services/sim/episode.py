@@ -1,0 +1,319 @@
+"""One episode in one world: ticks out, answers in, until success, failure or abort."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable
+from typing import Final
+
+from common.clock import FRAME_TICKS, TICK_S, LockstepBarrier, RealtimePacer
+from common.messages import (
+    EpisodeConfigure,
+    EpisodeEvent,
+    EpisodeResult,
+    GroundTruth,
+    Header,
+    Message,
+    MotorCommand,
+    MotorState,
+    Outcome,
+    PolicyAction,
+    RetargetStatus,
+    RobotCommand,
+    RobotState,
+    StereoFrame,
+    TrialResult,
+)
+from common.se3 import pose_to_wire
+from common.tasks.task import Judgement, SuccessMonitor
+from services.sim.album import Album
+from services.sim.camera import StereoCamera
+from services.sim.measurements import Measurements, distribution
+from services.sim.trace import Trace
+from services.sim.world import World
+
+RESEND_S: Final = 0.4
+COMMAND_AGE_LIMIT_S: Final = 0.05
+"""Real time: an older joint command no longer moves the robot."""
+_MOMENT_DELAY_TICKS: Final = 80
+"""Fingers take 0.8 s: a picture at the command itself would show nothing."""
+
+_COMMAND, _STATUS, _MOTOR, _ACTION = "robot/command", "retarget/status", "motor_command", "action"
+_NODE_OF = {_COMMAND: "retarget", _STATUS: "retarget", _MOTOR: "gripper", _ACTION: "policy"}
+
+
+class Episode:
+    """State of a running episode. Given answers, it returns what to publish.
+
+    In lockstep a tick is taken when the joint command, the motor command and, where one is due,
+    the policy action have arrived. In real time a tick is taken when its time has come, with the
+    newest commands there are.
+
+    Args:
+        configure: What was asked for.
+        world: Built for this episode.
+        camera: The gripper's stereo camera in that world.
+    """
+
+    def __init__(self, configure: EpisodeConfigure, world: World, camera: StereoCamera) -> None:
+        self.configure = configure
+        self.album = Album(world)
+        self._world = world
+        self._camera = camera
+        self._latency_ticks = math.ceil(configure.action_latency_s / TICK_S - 1e-9)
+        self._barrier = LockstepBarrier(resend_s=RESEND_S, deadline_s=configure.node_deadline_s)
+        self._pacer = RealtimePacer(period_s=TICK_S)
+        self._monitor = SuccessMonitor()
+        self._measured = Measurements()
+        self._trace = Trace()
+        self._step = 0
+        self._grasp = False
+        self._command: RobotCommand | None = None
+        self._motor: MotorCommand | None = None
+        self._actions: dict[int, PolicyAction] = {}
+        self._frame: StereoFrame | None = None
+        self._sent: list[Message] = []
+        self._moment: tuple[int, str] | None = None
+        self._started_s = 0.0
+        self._result: TrialResult | None = None
+
+    @property
+    def over(self) -> bool:
+        """Whether there is a result."""
+        return self._result is not None
+
+    @property
+    def realtime(self) -> bool:
+        """Whether wall time paces the episode."""
+        return self.configure.mode == "realtime"
+
+    def start(self) -> list[Message]:
+        """Start the clock: the messages of tick 0."""
+        self._started_s = time.perf_counter()
+        messages = [self._event("started"), *self._open_tick()]
+        self.album.remember("start", self._frame)
+        return messages
+
+    def take(self, answer: Message) -> list[Message]:
+        """Take one answer and go on as far as it allows."""
+        if self.over:
+            return []
+        if isinstance(answer, PolicyAction):
+            self._take_action(answer)
+        elif isinstance(answer, RetargetStatus):
+            if answer.for_step == self._step or self.realtime:
+                self._measured.add_status(answer)
+                self._barrier.arrive(_STATUS)
+        elif isinstance(answer, RobotCommand):
+            if answer.for_step == self._step or self.realtime:
+                self._command = answer
+                self._barrier.arrive(_COMMAND)
+        elif isinstance(answer, MotorCommand) and (answer.for_step == self._step or self.realtime):
+            self._motor = answer
+            self._barrier.arrive(_MOTOR)
+        if not self.realtime and self._barrier.complete:
+            return self._close_tick()
+        return []
+
+    def pass_time(self, now_ns: int) -> list[Message]:
+        """Let wall time pass: pace in real time, watch for silence in lockstep.
+
+        Args:
+            now_ns: This process's monotonic clock.
+        """
+        if self.over:
+            return []
+        if self.realtime:
+            messages: list[Message] = []
+            while not self.over and self._pacer.due(now_ns):
+                messages += self._close_realtime_tick(now_ns)
+            return messages
+        verdict = self._barrier.check(now_ns)
+        if verdict.overdue:
+            nodes = sorted({self.configure.nodes[_NODE_OF[kind]] for kind in verdict.overdue})
+            silent = ", ".join(nodes)
+            return self._end("aborted", f"node_timeout: {silent} did not answer tick {self._step}")
+        return list(self._sent) if verdict.resend else []
+
+    def _take_action(self, action: PolicyAction) -> None:
+        if self.realtime:
+            if self._frame is not None and action.for_step == self._frame.header.step:
+                self._actions = {action.for_step: action}
+            self._measured.add_action(action)
+            self._set_grasp(action)
+            return
+        if action.for_step >= self._step - self._latency_ticks:
+            self._actions[action.for_step] = action
+        if action.for_step == self._due_frame():
+            self._barrier.arrive(_ACTION)
+
+    def _due_frame(self) -> int:
+        """The frame whose action takes effect at this tick, or -1."""
+        frame = self._step - self._latency_ticks
+        return frame if frame >= 0 and frame % FRAME_TICKS == 0 else -1
+
+    def _open_tick(self) -> list[Message]:
+        """What is published at the start of a tick."""
+        header = self._header()
+        due = -1 if self.realtime else self._due_frame()
+        positions = self._world.servos.positions(self._world.data)
+        velocities = self._world.servos.velocities(self._world.data)
+        fingers, data = self._world.fingers, self._world.data
+        self._trace.add_numbers(b"state", [*data.qpos.tolist(), *data.qvel.tolist()])
+        messages: list[Message] = []
+        if self._step % FRAME_TICKS == 0:
+            messages += self._look(header)
+        messages += [
+            RobotState(
+                header=header, positions=positions, velocities=velocities, due_frame_step=due
+            ),
+            MotorState(
+                header=header,
+                positions_rad=fingers.positions_rad(data),
+                velocities_rad_s=fingers.velocities_rad_s(data),
+                currents_a=fingers.currents_a(data),
+                due_frame_step=due,
+            ),
+        ]
+        expected = {_COMMAND, _STATUS, _MOTOR}
+        if due >= 0 and due not in self._actions:
+            expected.add(_ACTION)
+        self._barrier.open(expected)
+        self._sent = messages
+        return messages
+
+    def _look(self, header: Header) -> list[Message]:
+        if self.realtime and self._step > 0 and not self._actions:
+            self._measured.missed_frames += 1
+        with self._measured.camera():
+            left, right = self._camera.render(self._world.data)
+        self._trace.add_bytes(b"left", left)
+        self._trace.add_bytes(b"right", right)
+        self._frame = StereoFrame(
+            header=header,
+            camera=self.configure.camera,
+            width=self._camera.width,
+            height=self._camera.height,
+            left=left,
+            right=right,
+            due_step=-1 if self.realtime else self._step + self._latency_ticks,
+        )
+        if self.realtime:
+            self._actions = {}
+        truth = GroundTruth(
+            header=header,
+            T_world_tool=pose_to_wire(self._world.T_world_tool),
+            objects=self._world.object_poses(),
+            opening_m=self._world.fingers.opening_m(self._world.data),
+        )
+        return [self._frame, truth]
+
+    def _close_tick(self) -> list[Message]:
+        """Lockstep: all answers are there. Act, step physics, judge, open the next tick."""
+        due = self._due_frame()
+        if due >= 0:
+            action = self._actions.pop(due)
+            self._measured.add_action(action)
+            self._set_grasp(action)
+            step = action.steps[0]
+            self._trace.add_numbers(
+                b"action", [*step.translation_m, *step.rotation_rad, float(step.grasp)]
+            )
+        if self._command is None or self._motor is None:
+            raise AssertionError("the barrier is complete without its commands")
+        self._apply(self._command, self._motor)
+        return self._advance()
+
+    def _close_realtime_tick(self, now_ns: int) -> list[Message]:
+        command, motor = self._command, self._motor
+        fresh = command is not None and (
+            now_ns - command.request_t_mono_ns <= COMMAND_AGE_LIMIT_S * 1e9
+        )
+        if command is not None and motor is not None and fresh:
+            self._apply(command, motor)
+        else:
+            self._world.servos.hold()
+            self._measured.held_ticks += 1
+        return self._advance()
+
+    def _apply(self, command: RobotCommand, motor: MotorCommand) -> None:
+        self._world.servos.command(command.positions, command.velocities)
+        self._world.fingers.command(motor.positions_rad, current_limit_a=motor.current_limit_a)
+        self._trace.add_numbers(b"command", [*command.positions, *command.velocities])
+        self._trace.add_numbers(b"motor", [*motor.positions_rad, motor.current_limit_a])
+
+    def _advance(self) -> list[Message]:
+        with self._measured.physics():
+            self._world.advance(TICK_S)
+        self._step += 1
+        if self._moment is not None and self._step >= self._moment[0]:
+            self.album.remember(self._moment[1], self._frame)
+            self._moment = None
+        if not self._world.is_finite():
+            return self._end("failure", "the simulation left the finite numbers")
+        judgement = self._world.task.judge(self._world.task_state(grasp=self._grasp))
+        if self._monitor.update(judgement):
+            return self._end("success", "all conditions held for 0.5 s")
+        if judgement.lost is not None:
+            return self._end("failure", judgement.lost, judgement)
+        if self._step * TICK_S >= self._world.task.time_limit_s:
+            limit = f"time limit of {self._world.task.time_limit_s:g} s"
+            return self._end("failure", limit, judgement)
+        return self._open_tick()
+
+    def _set_grasp(self, action: PolicyAction) -> None:
+        grasp = action.steps[0].grasp
+        if grasp != self._grasp:
+            self._grasp = grasp
+            self._moment = (self._step + _MOMENT_DELAY_TICKS, "grasp" if grasp else "release")
+
+    def _end(
+        self, outcome: Outcome, reason: str, judgement: Judgement | None = None
+    ) -> list[Message]:
+        self.album.remember("end", self._frame, last=True)
+        wall_s = time.perf_counter() - self._started_s
+        measured = self._measured
+        distance = self._monitor.smallest_distance_m
+        self._result = TrialResult(
+            outcome=outcome,
+            reason=reason,
+            failed_conditions=list(judgement.failed) if judgement is not None else [],
+            ticks=self._step,
+            sim_time_s=self._step * TICK_S,
+            wall_time_s=wall_s,
+            goal_distance_m=distance if math.isfinite(distance) else 0.0,
+            hand_error_m=distribution(measured.hand_error_m),
+            hand_error_rad=distribution(measured.hand_error_rad),
+            solve_time_s=distribution(measured.solve_time_s),
+            inference_s=distribution(measured.inference_s),
+            stages=measured.stages(wall_s),
+            held_ticks=measured.held_ticks,
+            missed_frames=measured.missed_frames,
+            resends=self._barrier.resends,
+            trace_sha256=self._trace.hexdigest(),
+        )
+        event = {"success": "succeeded", "failure": "failed", "aborted": "aborted"}[outcome]
+        return [
+            self._event(event, reason),
+            EpisodeResult(header=self._header(), result=self._result),
+        ]
+
+    def pictures(self) -> Iterable[Message]:
+        """Pictures of the key moments, if they were asked for."""
+        return self.album.draw(self._header()) if self.configure.pictures else ()
+
+    def _event(self, event: str, detail: str = "") -> EpisodeEvent:
+        return EpisodeEvent.model_validate(
+            {"header": self._header(), "event": event, "detail": detail}
+        )
+
+    def _header(self) -> Header:
+        asked = self.configure.header
+        return Header(
+            cell=asked.cell,
+            episode=asked.episode,
+            epoch=asked.epoch,
+            step=self._step,
+            t_sim_s=self._step * TICK_S,
+        )

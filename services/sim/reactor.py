@@ -1,0 +1,121 @@
+"""The simulation as a reactor: it owns one cell and runs one episode at a time."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Sequence
+
+from common.calibration import load_calibration
+from common.errors import LegatoError
+from common.messages import (
+    EpisodeAbort,
+    EpisodeConfigure,
+    EpisodeReady,
+    EpisodeStart,
+    Message,
+    MotorCommand,
+    PolicyAction,
+    Problem,
+    RetargetStatus,
+    RobotCommand,
+    Tick,
+)
+from common.robots import list_robots, load_robot
+from common.service import AnyMessage, Reactor
+from common.tasks import list_tasks, load_task
+from services.sim.camera import StereoCamera
+from services.sim.episode import Episode
+from services.sim.world import TOOL_SITE, World
+
+log = logging.getLogger(__name__)
+
+_ANSWERS = (RobotCommand, RetargetStatus, MotorCommand, PolicyAction)
+
+
+class SimReactor(Reactor):
+    """Owner of a simulated cell.
+
+    Args:
+        node: Its name, which is the cell's name too.
+    """
+
+    kind = "sim"
+    inputs = (EpisodeConfigure, EpisodeStart, EpisodeAbort, *_ANSWERS)
+    packages = ("mujoco-core", "numpy")
+
+    def __init__(self, *, node: str) -> None:
+        self.node = node
+        self._episode: Episode | None = None
+        self._running = False
+
+    def offers(self) -> dict[str, list[str]]:
+        """Its cell, and what it can simulate."""
+        return {"cells": [self.node], "tasks": list_tasks(), "robots": list_robots()}
+
+    @property
+    def owned_cell(self) -> str | None:
+        """The cell of this process."""
+        return self.node
+
+    @property
+    def tick_period_s(self) -> float:
+        """Fine while it paces an episode, coarse otherwise."""
+        if self._episode is not None and self._episode.realtime and self._running:
+            return 0.002
+        return 0.1
+
+    def handle(self, messages: Sequence[AnyMessage]) -> Iterable[AnyMessage]:
+        """Take answers, control messages and time; return the next ticks."""
+        outputs: list[AnyMessage] = []
+        for message in messages:
+            outputs += self._handle_one(message)
+            if self._episode is not None and self._episode.over:
+                outputs += self._episode.pictures()
+                self._episode = None
+        return outputs
+
+    def _handle_one(self, message: AnyMessage) -> list[Message]:
+        if isinstance(message, EpisodeConfigure):
+            return [self._prepare(message)]
+        if self._episode is None:
+            return []
+        if isinstance(message, EpisodeStart):
+            if self._running:
+                return []
+            self._running = True
+            return self._episode.start()
+        if isinstance(message, EpisodeAbort):
+            log.info("episode aborted", extra={"cell": self.node, "reason": message.reason})
+            self._episode = None
+            return []
+        if not self._running:
+            return []
+        if isinstance(message, Tick):
+            return self._episode.pass_time(message.t_mono_ns)
+        if isinstance(message, _ANSWERS):
+            return self._episode.take(message)
+        return []
+
+    def _prepare(self, configure: EpisodeConfigure) -> EpisodeReady:
+        """Build the world; an error in a name or file becomes the answer, not a crash."""
+        self._episode = None
+        self._running = False
+        problem = None
+        try:
+            world = World(
+                task=load_task(configure.task),
+                robot=load_robot(configure.robot),
+                seed=configure.seed,
+            )
+            camera = StereoCamera(
+                world.model,
+                load_calibration(configure.camera),
+                tool_site=TOOL_SITE,
+                full_grid=configure.full_grid,
+            )
+            self._episode = Episode(configure, world, camera)
+        except LegatoError as error:
+            problem = Problem(**error.describe())
+        return EpisodeReady(
+            header=configure.header, node=self.node, kind=self.kind, problem=problem
+        )

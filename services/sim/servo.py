@@ -1,0 +1,234 @@
+"""Low-level servos at the physics rate: tau = kp (q_des - q) + kd (v_des - v), within limits.
+
+They run as MuJoCo actuators, so that the implicit integrator knows their damping. With an affine
+bias an actuator gives kp ctrl - kp q - kd v; ctrl = q_des + (kd / kp) v_des makes that the law
+above.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+
+from common.errors import WrongShape
+from common.robots import HandServo, RobotSpec
+from common.se3 import Array, exp3, log3, matrix_from_quat, quat_from_matrix
+
+
+class Servos(Protocol):
+    """What moves a robot in the simulation."""
+
+    def reset(self, data: Any) -> None:
+        """Put the robot at its start, at rest, and hold it there."""
+        ...
+
+    def command(self, positions: list[float], velocities: list[float]) -> None:
+        """Take the set-point to be reached at the end of the coming tick.
+
+        Raises:
+            WrongShape: Not one number per degree of freedom.
+        """
+        ...
+
+    def hold(self) -> None:
+        """Stay at the last set-point, at rest."""
+        ...
+
+    def apply(self, data: Any, fraction: float) -> None:
+        """Write the controls for the physics step that ends at this fraction of the tick."""
+        ...
+
+    def finish_tick(self) -> None:
+        """The set-point of this tick becomes the start of the next."""
+        ...
+
+    def positions(self, data: Any) -> list[float]:
+        """Measured positions, as in `RobotState`."""
+        ...
+
+    def velocities(self, data: Any) -> list[float]:
+        """Measured velocities, as in `RobotState`."""
+        ...
+
+
+class JointServos:
+    """One servo per joint."""
+
+    def __init__(self, model: Any, robot: RobotSpec) -> None:
+        self._start = np.array(robot.start_positions)
+        joints = [model.joint(f"robot_{joint.name}") for joint in robot.joints]
+        self._qpos = np.array([int(joint.qposadr[0]) for joint in joints])
+        self._dof = np.array([int(joint.dofadr[0]) for joint in joints])
+        self._control = np.array([model.actuator(f"servo_{j.name}").id for j in robot.joints])
+        self._lead_s = np.array([joint.kd / joint.kp for joint in robot.joints])
+        self._from = self._start.copy()
+        self._to = self._start.copy()
+        self._velocity = np.zeros(len(joints))
+
+    @staticmethod
+    def add_actuators(spec: Any, robot: RobotSpec) -> None:
+        """Add one affine actuator per joint to a world."""
+        for joint in robot.joints:
+            _add_servo(
+                spec, joint.name, kp=joint.kp, kd=joint.kd, limit=joint.torque_limit
+            )
+
+    def reset(self, data: Any) -> None:
+        """Put the arm at its start posture."""
+        data.qpos[self._qpos] = self._start
+        self._from[:] = self._to[:] = self._start
+        self._velocity[:] = 0.0
+
+    def command(self, positions: list[float], velocities: list[float]) -> None:
+        """Take joint positions [rad] and velocities [rad/s]."""
+        _check("positions", len(self._to), positions)
+        _check("velocities", len(self._to), velocities)
+        self._to[:] = positions
+        self._velocity[:] = velocities
+
+    def hold(self) -> None:
+        """Stay at the last set-point."""
+        self._velocity[:] = 0.0
+
+    def apply(self, data: Any, fraction: float) -> None:
+        """Interpolate the set-point linearly over the tick."""
+        q_des = self._from + fraction * (self._to - self._from)
+        data.ctrl[self._control] = q_des + self._lead_s * self._velocity
+
+    def finish_tick(self) -> None:
+        """Start the next tick from here."""
+        self._from[:] = self._to
+
+    def positions(self, data: Any) -> list[float]:
+        """Joint positions [rad]."""
+        return data.qpos[self._qpos].tolist()
+
+    def velocities(self, data: Any) -> list[float]:
+        """Joint velocities [rad/s]."""
+        return data.qvel[self._dof].tolist()
+
+
+class HandServos:
+    """Three slides and a ball joint that follow a pose: the Abstract embodiment.
+
+    The ball joint's torque kp log(R^T R_des) + kd (w_des - w) is computed here, in body axes: a
+    servo on its quaternion coordinates would not point along the rotation error.
+    """
+
+    _SLIDES = ("hand_x", "hand_y", "hand_z")
+
+    def __init__(self, model: Any, robot: RobotSpec) -> None:
+        if robot.hand is None:
+            raise TypeError("a free hand needs a [hand] table")
+        self._servo = robot.hand
+        self._start = np.array(robot.T_world_start)
+        slides = [model.joint(f"robot_{name}") for name in self._SLIDES]
+        ball = model.joint("robot_hand_turn")
+        self._slide_qpos = np.array([int(joint.qposadr[0]) for joint in slides])
+        self._slide_dof = np.array([int(joint.dofadr[0]) for joint in slides])
+        self._ball_qpos = slice(int(ball.qposadr[0]), int(ball.qposadr[0]) + 4)
+        self._ball_dof = slice(int(ball.dofadr[0]), int(ball.dofadr[0]) + 3)
+        self._slide_control = np.array([model.actuator(f"servo_{n}").id for n in self._SLIDES])
+        self._ball_control = np.array([model.actuator(f"servo_turn_{a}").id for a in "xyz"])
+        self._lead_s = self._servo.kd_n_s_per_m / self._servo.kp_n_per_m
+        self._from_p = self._start[:3].copy()
+        self._to_p = self._start[:3].copy()
+        self._from_R = matrix_from_quat(self._start[3:])
+        self._to_R = self._from_R
+        self._turn = np.zeros(3)
+        self._v = np.zeros(3)
+        self._w = np.zeros(3)
+
+    @staticmethod
+    def add_actuators(spec: Any, hand: HandServo) -> None:
+        """Add three affine servos for the slides and three motors for the ball."""
+        for name in HandServos._SLIDES:
+            _add_servo(
+                spec, name, kp=hand.kp_n_per_m, kd=hand.kd_n_s_per_m, limit=hand.force_limit_n
+            )
+        for axis, letter in enumerate("xyz"):
+            gear = [0.0] * 6
+            gear[axis] = 1.0
+            spec.add_actuator(
+                name=f"servo_turn_{letter}",
+                target="robot_hand_turn",
+                trntype=mujoco.mjtTrn.mjTRN_JOINT,
+                gear=gear,
+                forcerange=[-hand.torque_limit_nm, hand.torque_limit_nm],
+                forcelimited=True,
+            )
+
+    def reset(self, data: Any) -> None:
+        """Put the hand at its start pose."""
+        data.qpos[self._slide_qpos] = self._start[:3]
+        data.qpos[self._ball_qpos] = self._start[3:]
+        self._from_p[:] = self._to_p[:] = self._start[:3]
+        self._from_R = self._to_R = matrix_from_quat(self._start[3:])
+        self.hold()
+
+    def command(self, positions: list[float], velocities: list[float]) -> None:
+        """Take a pose `[x, y, z, qw, qx, qy, qz]` and a twist (world linear, body angular)."""
+        _check("positions", 7, positions)
+        _check("velocities", 6, velocities)
+        self._to_p[:] = positions[:3]
+        self._to_R = matrix_from_quat(positions[3:])
+        self._turn = log3(self._from_R.T @ self._to_R)
+        self._v[:] = velocities[:3]
+        self._w[:] = velocities[3:]
+
+    def hold(self) -> None:
+        """Stay at the last set-point."""
+        self._v[:] = 0.0
+        self._w[:] = 0.0
+
+    def apply(self, data: Any, fraction: float) -> None:
+        """Interpolate position linearly and rotation along one axis over the tick."""
+        p_des = self._from_p + fraction * (self._to_p - self._from_p)
+        data.ctrl[self._slide_control] = p_des + self._lead_s * self._v
+        R_des = self._from_R @ exp3(fraction * self._turn)
+        R = matrix_from_quat(data.qpos[self._ball_qpos])
+        data.ctrl[self._ball_control] = self._servo.kp_nm_per_rad * log3(
+            R.T @ R_des
+        ) + self._servo.kd_nm_s_per_rad * (self._w - data.qvel[self._ball_dof])
+
+    def finish_tick(self) -> None:
+        """Start the next tick from here."""
+        self._from_p[:] = self._to_p
+        self._from_R = self._to_R
+        self._turn = np.zeros(3)
+
+    def positions(self, data: Any) -> list[float]:
+        """Measured pose `[x, y, z, qw, qx, qy, qz]`, the quaternion with qw >= 0."""
+        R: Array = matrix_from_quat(data.qpos[self._ball_qpos])
+        return [*data.qpos[self._slide_qpos].tolist(), *quat_from_matrix(R)]
+
+    def velocities(self, data: Any) -> list[float]:
+        """Linear velocity in world axes [m/s], angular velocity in body axes [rad/s]."""
+        return [
+            *data.qvel[self._slide_dof].tolist(),
+            *data.qvel[self._ball_dof].tolist(),
+        ]
+
+
+def _add_servo(spec: Any, joint: str, *, kp: float, kd: float, limit: float) -> None:
+    spec.add_actuator(
+        name=f"servo_{joint}",
+        target=f"robot_{joint}",
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+        gainprm=[kp] + [0.0] * 9,
+        biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+        biasprm=[0.0, -kp, -kd] + [0.0] * 7,
+        forcerange=[-limit, limit],
+        forcelimited=True,
+    )
+
+
+def _check(what: str, expected: int, values: list[float]) -> None:
+    if len(values) != expected:
+        raise WrongShape(what, expected, len(values))
+    if not all(math.isfinite(value) for value in values):
+        raise WrongShape(f"{what} (finite ones)", expected, sum(map(math.isfinite, values)))
