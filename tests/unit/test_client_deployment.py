@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import socket
+
+import pytest
+from client.deployment import HOST, Deployment, find_free_ports, is_port_free
+from client.errors import NodesMissing, ProcessGaveUp
+from client.processes import RestartPolicy, read_last_line
+from client.readiness import find_missing, wait_until_ready
+from common.errors import PortInUse
+from tests.client_samples import make_service
+
+
+def commands(deployment: Deployment) -> dict[str, tuple[str, tuple[str, ...]]]:
+    return {spec.node: (spec.module, spec.arguments) for spec in deployment.processes()}
+
+
+def test_processes_of_a_deployment():
+    deployment = Deployment(robots=("abstract", "panda"), cells=2, namespace="ns")
+    shown = commands(deployment)
+    assert list(shown) == [
+        *("router", "control", "sim-0", "sim-1"),
+        *("retarget-abstract", "retarget-panda", "gripper", "policy"),
+    ]
+    module, arguments = shown["retarget-panda"]
+    assert module == "services.retarget"
+    assert {"--robot=panda", "--node=retarget-panda", "--namespace=ns"} <= set(arguments)
+    assert "--endpoint=tcp/127.0.0.1:7447" in arguments
+    assert "--listen=127.0.0.1:7447" in shown["router"][1]
+    assert {"--host=127.0.0.1", "--port=8000", "--data=runs"} <= set(shown["control"][1])
+    assert not any(argument.startswith("--node") for argument in shown["control"][1])
+
+
+def test_deployment_survives_json():
+    deployment = Deployment(cells=3, rest_port=1234)
+    assert Deployment.model_validate_json(deployment.model_dump_json()) == deployment
+
+
+def test_ports_in_use_are_refused_up_front():
+    with socket.create_server((HOST, 0)) as server:
+        taken = server.getsockname()[1]
+        (free,) = find_free_ports(1)
+        assert not is_port_free(taken)
+        with pytest.raises(PortInUse, match=rf"port {taken} .*REST"):
+            Deployment(rest_port=taken, router_port=free).check_ports()
+        with pytest.raises(PortInUse, match="router"):
+            Deployment(rest_port=free, router_port=taken).check_ports()
+
+
+def test_free_ports_differ_and_are_free():
+    ports = find_free_ports(4)
+    assert len(set(ports)) == 4
+    assert all(is_port_free(port) for port in ports)
+
+
+def test_restart_pauses_grow_to_five_seconds():
+    policy = RestartPolicy()
+    pauses = [policy.pause_s(lifetime_s=3.0, code=-9) for _ in range(9)]
+    assert pauses == [0.0, 0.2, 0.4, 0.8, 1.6, 3.2, 5.0, 5.0, 5.0]
+
+
+def test_a_long_life_is_forgiven():
+    policy = RestartPolicy()
+    for _ in range(4):
+        policy.pause_s(lifetime_s=3.0, code=-9)
+    assert policy.pause_s(lifetime_s=60.0, code=-9) == 0.0
+
+
+def test_three_early_errors_running_are_enough():
+    policy = RestartPolicy()
+    assert policy.pause_s(lifetime_s=0.1, code=1) == 0.0
+    assert policy.pause_s(lifetime_s=0.1, code=1) == 0.2
+    assert policy.pause_s(lifetime_s=0.1, code=1) is None
+
+
+@pytest.mark.parametrize(("lifetime_s", "code"), [(2.5, 1), (0.1, -9), (0.1, 0)])
+def test_other_deaths_interrupt_the_count(lifetime_s, code):
+    policy = RestartPolicy(early_errors=2)
+    assert policy.pause_s(lifetime_s=lifetime_s, code=code) is not None
+    assert policy.early_errors == 0
+
+
+def test_last_line_of_a_log(tmp_path):
+    path = tmp_path / "node.log"
+    assert read_last_line(path) == ""
+    path.write_text("x" * 20_000 + "\nfirst\nlast\n\n")
+    assert read_last_line(path) == "last"
+
+
+class FakeControl:
+    """A control plane that shows one more node at each look."""
+
+    def __init__(self, services):
+        self.waiting, self.shown, self.looks = list(services), [], 0
+
+    def services(self):
+        if self.waiting:
+            self.shown.append(self.waiting.pop(0))
+        return self.shown
+
+    def ready(self):
+        self.looks += 1
+        return self.looks > 1
+
+
+def everything(deployment: Deployment):
+    return [make_service(spec.kind, spec.node) for spec in deployment.processes()]
+
+
+def test_ready_when_every_node_is_alive_and_control_says_so():
+    deployment = Deployment()
+    control = FakeControl(everything(deployment))
+    services = wait_until_ready(control, deployment, given_up=dict)
+    assert len(services) == len(deployment.processes())
+    assert control.looks == 2
+
+
+def test_missing_nodes_are_named_with_their_last_words(tmp_path):
+    deployment = Deployment(data=tmp_path)
+    deployment.logs.mkdir()
+    (deployment.logs / "policy.log").write_text("no checkpoint\n")
+    alive = [service for service in everything(deployment) if service.kind != "policy"]
+    dead = make_service("policy", "policy", alive=False)
+    assert find_missing(deployment, [*alive, dead]) == ["policy"]
+    control = FakeControl([])
+    control.shown = alive
+    with pytest.raises(NodesMissing, match=r"(?s)policy not alive.*no checkpoint") as caught:
+        wait_until_ready(control, deployment, given_up=dict, deadline_s=0.0)
+    assert caught.value.missing == ("policy",)
+
+
+def test_a_process_that_was_given_up_ends_the_wait(tmp_path):
+    with pytest.raises(ProcessGaveUp, match="policy: no checkpoint"):
+        wait_until_ready(
+            FakeControl([]),
+            Deployment(data=tmp_path),
+            given_up=lambda: {"policy": "no checkpoint"},
+        )
