@@ -110,7 +110,7 @@ class LidTask:
     moved_object: str = "lid"
     objects: tuple[str, ...] = ("stove", "pot", "lid")
     scene_camera: SceneCamera = SceneCamera(
-        position_m=(1.25, -1.15, 1.55), target_m=(0.48, -0.10, 0.82), fovy_deg=42.0
+        position_m=(1.40, -1.30, 1.50), target_m=(0.40, -0.06, 0.88), fovy_deg=42.0
     )
 
     def scene_xml(self) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable
 from typing import Final
 
+from common.calibration import StereoCalibration
 from common.clock import FRAME_TICKS, TICK_S, LockstepBarrier, RealtimePacer
 from common.messages import (
     EpisodeConfigure,
@@ -36,8 +36,8 @@ from services.sim.world import World
 RESEND_S: Final = 0.4
 COMMAND_AGE_LIMIT_S: Final = 0.05
 """Real time: an older joint command no longer moves the robot."""
-_MOMENT_DELAY_TICKS: Final = 80
-"""Fingers take 0.8 s: a picture at the command itself would show nothing."""
+_MOMENT_DELAY_TICKS: Final = {"grasp": 80, "release": 30}
+"""Fingers take time: a picture at the command itself would show nothing."""
 
 _COMMAND, _STATUS, _MOTOR, _ACTION = "robot/command", "retarget/status", "motor_command", "action"
 _NODE_OF = {_COMMAND: "retarget", _STATUS: "retarget", _MOTOR: "gripper", _ACTION: "policy"}
@@ -54,13 +54,21 @@ class Episode:
         configure: What was asked for.
         world: Built for this episode.
         camera: The gripper's stereo camera in that world.
+        calibration: What the camera was built from.
     """
 
-    def __init__(self, configure: EpisodeConfigure, world: World, camera: StereoCamera) -> None:
+    def __init__(
+        self,
+        configure: EpisodeConfigure,
+        world: World,
+        camera: StereoCamera,
+        calibration: StereoCalibration,
+    ) -> None:
         self.configure = configure
-        self.album = Album(world)
+        self._album = Album(world)
         self._world = world
         self._camera = camera
+        self._calibration = calibration
         self._latency_ticks = math.ceil(configure.action_latency_s / TICK_S - 1e-9)
         self._barrier = LockstepBarrier(resend_s=RESEND_S, deadline_s=configure.node_deadline_s)
         self._pacer = RealtimePacer(period_s=TICK_S)
@@ -92,7 +100,7 @@ class Episode:
         """Start the clock: the messages of tick 0."""
         self._started_s = time.perf_counter()
         messages = [self._event("started"), *self._open_tick()]
-        self.album.remember("start", self._frame)
+        self._album.remember("start", self._frame)
         return messages
 
     def take(self, answer: Message) -> list[Message]:
@@ -193,8 +201,8 @@ class Episode:
         self._frame = StereoFrame(
             header=header,
             camera=self.configure.camera,
-            width=self._camera.width,
-            height=self._camera.height,
+            width=self._calibration.width,
+            height=self._calibration.height,
             left=left,
             right=right,
             due_step=-1 if self.realtime else self._step + self._latency_ticks,
@@ -248,7 +256,7 @@ class Episode:
             self._world.advance(TICK_S)
         self._step += 1
         if self._moment is not None and self._step >= self._moment[0]:
-            self.album.remember(self._moment[1], self._frame)
+            self._album.remember(self._moment[1], self._frame)
             self._moment = None
         if not self._world.is_finite():
             return self._end("failure", "the simulation left the finite numbers")
@@ -266,12 +274,13 @@ class Episode:
         grasp = action.steps[0].grasp
         if grasp != self._grasp:
             self._grasp = grasp
-            self._moment = (self._step + _MOMENT_DELAY_TICKS, "grasp" if grasp else "release")
+            moment = "grasp" if grasp else "release"
+            self._moment = (self._step + _MOMENT_DELAY_TICKS[moment], moment)
 
     def _end(
         self, outcome: Outcome, reason: str, judgement: Judgement | None = None
     ) -> list[Message]:
-        self.album.remember("end", self._frame, last=True)
+        self._album.remember("end", self._frame, last=True)
         wall_s = time.perf_counter() - self._started_s
         measured = self._measured
         distance = self._monitor.smallest_distance_m
@@ -294,14 +303,13 @@ class Episode:
             trace_sha256=self._trace.hexdigest(),
         )
         event = {"success": "succeeded", "failure": "failed", "aborted": "aborted"}[outcome]
+        draw = self.configure.pictures and outcome != "aborted"
+        # The result is last: with it the cell is free for its next epoch.
         return [
             self._event(event, reason),
+            *(self._album.draw(self._header()) if draw else ()),
             EpisodeResult(header=self._header(), result=self._result),
         ]
-
-    def pictures(self) -> Iterable[Message]:
-        """Pictures of the key moments, if they were asked for."""
-        return self.album.draw(self._header()) if self.configure.pictures else ()
 
     def _event(self, event: str, detail: str = "") -> EpisodeEvent:
         return EpisodeEvent.model_validate(

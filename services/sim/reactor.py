@@ -70,7 +70,6 @@ class SimReactor(Reactor):
         for message in messages:
             outputs += self._handle_one(message)
             if self._episode is not None and self._episode.over:
-                outputs += self._episode.pictures()
                 self._episode = None
         return outputs
 
@@ -107,13 +106,14 @@ class SimReactor(Reactor):
                 robot=load_robot(configure.robot),
                 seed=configure.seed,
             )
+            calibration = load_calibration(configure.camera)
             camera = StereoCamera(
                 world.model,
-                load_calibration(configure.camera),
+                calibration,
                 tool_site=TOOL_SITE,
                 full_grid=configure.full_grid,
             )
-            self._episode = Episode(configure, world, camera)
+            self._episode = Episode(configure, world, camera, calibration)
         except LegatoError as error:
             problem = Problem(**error.describe())
         return EpisodeReady(

@@ -1,0 +1,73 @@
+"""A whole system on free ports for tests: every process real, nothing left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from client.api import LegatoClient
+from client.deployment import Deployment, find_free_ports
+from client.readiness import wait_until_ready
+from client.supervisor import Supervisor, open_deployment
+from common.api import Evaluation, Trial
+from common.errors import LegatoError
+
+
+@contextmanager
+def running(
+    folder: Path, *, robots: tuple[str, ...] = ("abstract", "panda"), cells: int = 1
+) -> Iterator[tuple[Deployment, Supervisor, LegatoClient]]:
+    """Start all processes, wait until they are ready, and stop them in every case."""
+    router_port, rest_port = find_free_ports(2)
+    deployment = Deployment(
+        robots=robots,
+        cells=cells,
+        rest_port=rest_port,
+        router_port=router_port,
+        namespace=f"test-{rest_port}",
+        data=folder,
+    )
+    with (
+        open_deployment(deployment) as supervisor,
+        LegatoClient(deployment.url, timeout_s=30.0) as client,
+    ):
+        supervisor.start()
+        wait_until_ready(client, deployment, given_up=lambda: supervisor.given_up, deadline_s=60.0)
+        yield deployment, supervisor, client
+
+
+def kill(supervisor: Supervisor, node: str) -> int:
+    """SIGKILL one process and return its id."""
+    pid = supervisor.pids[node]
+    os.kill(pid, signal.SIGKILL)
+    return pid
+
+
+def wait_for_running_trial(client: LegatoClient, evaluation: str, *, timeout_s: float = 60.0) -> Trial:
+    """Wait until some trial is in the middle of an attempt."""
+    deadline = time.monotonic() + timeout_s
+    while time.monotonic() < deadline:
+        for trial in client.trials(evaluation):
+            if trial.status == "running":
+                return trial
+        time.sleep(0.02)
+    raise AssertionError("no trial has started")
+
+
+def wait_until_done(client: LegatoClient, evaluation: str, *, timeout_s: float = 120.0) -> Evaluation:
+    """Wait for the end of an evaluation by polling, so that a control plane may die meanwhile."""
+    deadline = time.monotonic() + timeout_s
+    while time.monotonic() < deadline:
+        try:
+            found = client.evaluation(evaluation)
+        except LegatoError:
+            time.sleep(0.1)
+            continue
+        if found.status != "running":
+            return found
+        time.sleep(0.1)
+    raise AssertionError(f"{evaluation} did not end within {timeout_s} s")

@@ -1,0 +1,68 @@
+"""The same trial gives the same trace, bit for bit: in one process, over processes, again, after others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from client.offline import run_in_process
+from common.api import EvaluationRequest
+from tests.deployments import running, wait_until_done
+
+pytestmark = pytest.mark.processes
+
+ROBOTS = ["abstract", "panda"]
+
+
+class Silent:
+    """A progress display that shows nothing."""
+
+    def update(self, event: object) -> None:
+        del event
+
+
+def request(**changes: object) -> EvaluationRequest:
+    fields: dict[str, object] = {
+        "tasks": ["lid"],
+        "robots": ROBOTS,
+        "policy": "expert",
+        "trials": 1,
+        "seed": 7,
+        "pictures": False,
+    }
+    return EvaluationRequest.model_validate(fields | changes)
+
+
+def traces_in_process(**changes: object) -> dict[str, list[str | None]]:
+    record = run_in_process(request(**changes), progress=Silent())
+    return {cell.robot: cell.trace_sha256 for cell in record.evaluation.cells}
+
+
+def test_processes_and_one_process_agree_bit_for_bit(tmp_path: Path):
+    inline = traces_in_process()
+    with running(tmp_path) as (_, _, client):
+        evaluation = wait_until_done(client, client.submit(request()).id)
+    over_processes = {cell.robot: cell.trace_sha256 for cell in evaluation.cells}
+    assert set(over_processes) == set(ROBOTS)
+    for robot in ROBOTS:
+        assert [len(trace or "") for trace in inline[robot]] == [64]
+        assert inline[robot] == over_processes[robot]
+
+
+def test_a_trial_does_not_depend_on_what_ran_before():
+    """The second trial alone is not to be had, so compare orders: robots swapped, pictures on."""
+    one = traces_in_process(trials=2)
+    other = traces_in_process(trials=2, robots=ROBOTS[::-1], pictures=True)
+    assert one == other
+    assert one["abstract"][0] != one["abstract"][1]
+
+
+def test_latency_changes_the_trace_and_repeats():
+    late = traces_in_process(robots=["abstract"], action_latency_s=0.05)
+    assert late == traces_in_process(robots=["abstract"], action_latency_s=0.05)
+    assert late != traces_in_process(robots=["abstract"])
+
+
+def test_another_seed_is_another_trace():
+    assert traces_in_process(robots=["abstract"], seed=8) != traces_in_process(robots=["abstract"])
