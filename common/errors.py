@@ -302,13 +302,13 @@ class NotFound(StoreError):
     code = "E-NOT-FOUND"
     http_status = 404
 
-    def __init__(self, kind: str, identifier: str) -> None:
+    def __init__(self, kind: str, identifier: str, *, listed_at: str | None = None) -> None:
         self.kind = kind
         self.identifier = identifier
         super().__init__(
             f'no {kind} "{identifier}"',
             expected=f"expected the id of an existing {kind}",
-            action=f"list them with: GET /api/v1/{kind}s",
+            action=f"list them with: GET {listed_at or f'/api/v1/{kind}s'}",
         )
 
 

@@ -17,7 +17,7 @@ from typing import ClassVar, TypeAlias
 from common import __version__
 from common.bus import Bus, BusSettings, Inbox, Received, decode, open_session
 from common.bus.bus import DescribeRequest
-from common.errors import AlreadyRunning, ContractError
+from common.errors import AlreadyRunning, ContractError, RouterUnreachable
 from common.messages import (
     AskDescription,
     EpisodeConfigure,
@@ -279,23 +279,32 @@ def run_process(
         stop = threading.Event()
         install_stop_signals(stop)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    with open_session(settings, stop=stop) as session, Bus(session) as bus:
-        if unique:
-            _refuse_second(bus, reactor.kind, settings)
-        host = Host(reactor, bus, node=node, sink=sink)
-        host.start()
-        log.info("ready", extra={"kind": reactor.kind, "node": node})
-        if on_host is not None:
-            on_host(host, stop)
-        while not stop.is_set():
-            # The longest sleep bounds how fast SIGTERM and a lost parent are noticed.
-            host.inbox.wait(min(0.1, host.next_tick_in_s(time.monotonic_ns())))
-            host.spin()
-            host.tick(time.monotonic_ns())
-            if parent_pid is not None and os.getppid() != parent_pid:
-                log.warning("parent is gone, stopping", extra={"parent_pid": parent_pid})
-                break
-        log.info("stopping", extra={"kind": reactor.kind, "node": node})
+    try:
+        with open_session(settings, stop=stop) as session, Bus(session) as bus:
+            if unique:
+                _refuse_second(bus, reactor.kind, settings)
+            host = Host(reactor, bus, node=node, sink=sink)
+            host.start()
+            log.info("ready", extra={"kind": reactor.kind, "node": node})
+            if on_host is not None:
+                on_host(host, stop)
+            _loop(host, stop, parent_pid)
+            log.info("stopping", extra={"kind": reactor.kind, "node": node})
+    except RouterUnreachable:
+        # Told to stop while it was waiting for a router: not an error.
+        if not stop.is_set():
+            raise
+
+
+def _loop(host: Host, stop: threading.Event, parent_pid: int | None) -> None:
+    while not stop.is_set():
+        # The longest sleep bounds how fast SIGTERM and a lost parent are noticed.
+        host.inbox.wait(min(0.1, host.next_tick_in_s(time.monotonic_ns())))
+        host.spin()
+        host.tick(time.monotonic_ns())
+        if parent_pid is not None and os.getppid() != parent_pid:
+            log.warning("parent is gone, stopping", extra={"parent_pid": parent_pid})
+            return
 
 
 def install_stop_signals(stop: threading.Event) -> None:

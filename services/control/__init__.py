@@ -1,0 +1,1 @@
+"""The control plane: hands trials to cells, keeps results, answers REST."""

@@ -1,0 +1,150 @@
+"""Which nodes are there, what they offer, and who is missing."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+from common.api import ServiceInfo
+from common.messages import NodeDescription, NodeMetrics
+
+ROUTER_KIND = "router"
+NODE_KINDS = ("sim", "retarget", "gripper", "policy")
+"""Kinds of node that take part in an episode."""
+
+_ASK_AGAIN_NS = 1_000_000_000
+_KEPT_LOST_NODES = 64
+
+
+@dataclass
+class Node:
+    """What is known of one node; it stays known after it was lost."""
+
+    kind: str
+    node: str
+    alive: bool = True
+    description: NodeDescription | None = None
+    metrics: NodeMetrics | None = None
+    asked_ns: int | None = None
+
+    @property
+    def ready(self) -> bool:
+        """Alive and described."""
+        return self.alive and self.description is not None
+
+    def offers(self, what: str, name: str) -> bool:
+        """Whether it offers, or offered before it was lost, e.g. the robot `panda`."""
+        return self.description is not None and name in self.description.offers.get(what, [])
+
+    def info(self) -> ServiceInfo:
+        """The node as REST shows it."""
+        described, metrics = self.description, self.metrics
+        counters = {} if metrics is None else metrics.model_dump(exclude={"header", "node"})
+        return ServiceInfo(
+            kind=self.kind,
+            node=self.node,
+            alive=self.alive,
+            code_version=None if described is None else described.code_version,
+            packages={} if described is None else described.packages,
+            host=None if described is None else described.host,
+            pid=None if described is None else described.pid,
+            offers={} if described is None else described.offers,
+            metrics=counters,
+        )
+
+
+@dataclass(frozen=True)
+class Need:
+    """A node that an episode needs: its kind and, for some kinds, what it must offer."""
+
+    kind: str
+    offer: tuple[str, str] | None = None
+
+    def is_met_by(self, node: Node) -> bool:
+        """Whether a node is, or was, of this sort."""
+        return node.kind == self.kind and (self.offer is None or node.offers(*self.offer))
+
+    def __str__(self) -> str:
+        return self.kind if self.offer is None else f"{self.kind} for {self.offer[1]}"
+
+
+class NodeRegistry:
+    """The nodes by kind and name."""
+
+    def __init__(self) -> None:
+        self._nodes: dict[tuple[str, str], Node] = {}
+
+    def add(self, kind: str, node: str) -> None:
+        """A node is there; what an earlier one of its name said counts no more."""
+        self._nodes.pop((kind, node), None)
+        self._nodes[kind, node] = Node(kind, node)
+
+    def lose(self, kind: str, node: str) -> None:
+        """A node is gone. It stays known, so that a message can name it."""
+        lost = self._nodes.pop((kind, node), None)
+        if lost is not None:
+            lost.alive = False
+            self._nodes[kind, node] = lost
+        gone = [key for key, known in self._nodes.items() if not known.alive]
+        for key in gone[:-_KEPT_LOST_NODES]:
+            del self._nodes[key]
+
+    def describe(self, description: NodeDescription) -> None:
+        """Take a node's answer."""
+        node = self._nodes.get((description.kind, description.node))
+        if node is not None and node.alive:
+            node.description = description
+
+    def measure(self, metrics: NodeMetrics) -> None:
+        """Take a node's counters."""
+        for node in self._nodes.values():
+            if node.node == metrics.node and node.alive:
+                node.metrics = metrics
+
+    def undescribed(self, now_ns: int) -> list[str]:
+        """Nodes to ask what they are: not asked yet, or without an answer for a second."""
+        due: list[str] = []
+        for node in self._nodes.values():
+            waited = node.asked_ns is None or now_ns - node.asked_ns >= _ASK_AGAIN_NS
+            if node.alive and node.description is None and waited:
+                node.asked_ns = now_ns
+                due.append(node.node)
+        return due
+
+    def ready(self, need: Need) -> list[Node]:
+        """Nodes that meet a need now, by name."""
+        found = [node for node in self._nodes.values() if node.ready and need.is_met_by(node)]
+        return sorted(found, key=lambda node: node.node)
+
+    def choose(self, need: Need, load: Counter[str]) -> str | None:
+        """The least loaded node that meets a need, by name among equals."""
+        found = self.ready(need)
+        return min(found, key=lambda node: load[node.node]).node if found else None
+
+    def missing(self, needs: tuple[Need, ...]) -> tuple[str, ...]:
+        """Who is missing: the node that left last, else what kind of node it should be."""
+        names: list[str] = []
+        for need in needs:
+            if not self.ready(need):
+                left = [n.node for n in self._nodes.values() if not n.alive and need.is_met_by(n)]
+                names.append(f"{need.kind} {left[-1]}" if left else str(need))
+        return tuple(names)
+
+    def versions(self, nodes: dict[str, str]) -> dict[str, str]:
+        """Code and packages of the nodes of an episode; differing ones are all named.
+
+        Args:
+            nodes: Kind -> node.
+        """
+        found: dict[str, set[str]] = {}
+        for key in nodes.items():
+            description = self._nodes[key].description
+            if description is not None:
+                said = {"legato": description.code_version, **description.packages}
+                for name, version in said.items():
+                    found.setdefault(name, set()).add(version)
+        return {name: ", ".join(sorted(versions)) for name, versions in sorted(found.items())}
+
+    def infos(self) -> tuple[ServiceInfo, ...]:
+        """Every known node, by kind and name."""
+        return tuple(self._nodes[key].info() for key in sorted(self._nodes))

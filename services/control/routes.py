@@ -1,0 +1,141 @@
+"""The resources of REST."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query, Response, status
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import StreamingResponse
+
+from common.api import (
+    PREFIX,
+    Evaluation,
+    EvaluationRequest,
+    PolicyInfo,
+    RobotInfo,
+    ServiceInfo,
+    TaskInfo,
+    Trial,
+)
+from common.errors import NotReady
+from common.messages.base import Name
+from services.control import sse
+from services.control.plane import Plane
+
+LARGEST_INT = 2**63 - 1
+
+TrialNumber = Annotated[int, Path(ge=0, le=LARGEST_INT)]
+
+api = APIRouter(prefix=PREFIX)
+health = APIRouter()
+
+
+@api.post("/evaluations", status_code=status.HTTP_202_ACCEPTED)
+def post_evaluation(request: EvaluationRequest, response: Response, plane: Plane) -> Evaluation:
+    """Start an evaluation."""
+    evaluation = plane.submit(request)
+    response.headers["Location"] = f"{PREFIX}/evaluations/{evaluation.id}"
+    return evaluation
+
+
+@api.get("/evaluations")
+def get_evaluations(
+    plane: Plane,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+    offset: Annotated[int, Query(ge=0, le=LARGEST_INT)] = 0,
+) -> list[Evaluation]:
+    """Evaluations, newest first."""
+    return plane.queries.evaluations(plane.deployment.waiting, limit=limit, offset=offset)
+
+
+@api.get("/evaluations/{evaluation}")
+def get_evaluation(evaluation: Name, plane: Plane) -> Evaluation:
+    """One evaluation as it is now."""
+    return plane.evaluation(evaluation)
+
+
+@api.delete("/evaluations/{evaluation}", status_code=status.HTTP_202_ACCEPTED)
+def delete_evaluation(evaluation: Name, plane: Plane) -> Evaluation:
+    """Stop an evaluation; what has ended stays. One that is over is left as it is."""
+    return plane.cancel(evaluation)
+
+
+@api.get("/evaluations/{evaluation}/trials")
+def get_trials(evaluation: Name, plane: Plane) -> list[Trial]:
+    """The trials of an evaluation, in order."""
+    return plane.queries.trials(evaluation)
+
+
+@api.get(
+    "/evaluations/{evaluation}/trials/{trial}/pictures/{name}",
+    response_class=Response,
+    responses={200: {"content": {"image/png": {}}}},
+)
+def get_picture(evaluation: Name, trial: TrialNumber, name: Name, plane: Plane) -> Response:
+    """A picture of a trial's key moment."""
+    return Response(plane.queries.picture(evaluation, trial, name), media_type="image/png")
+
+
+@api.get(
+    "/evaluations/{evaluation}/events",
+    response_class=StreamingResponse,
+    responses={200: {"content": {sse.MEDIA_TYPE: {}}}},
+)
+async def get_events(evaluation: Name, plane: Plane) -> StreamingResponse:
+    """Follow an evaluation: its state now, then one event per change."""
+    # Here, not in the stream: an unknown id is a 404.
+    await run_in_threadpool(plane.evaluation, evaluation)
+    return StreamingResponse(
+        sse.follow(plane, evaluation),
+        media_type=sse.MEDIA_TYPE,
+        headers={"Cache-Control": "no-store"},
+    )
+
+
+@api.get("/robots")
+def get_robots(plane: Plane) -> list[RobotInfo]:
+    """Robots the code knows, and whether a retargeter runs for each."""
+    running = plane.deployment.robots()
+    return [
+        RobotInfo(
+            name=robot.name,
+            title=robot.title,
+            degrees_of_freedom=robot.degrees_of_freedom,
+            available=robot.name in running,
+        )
+        for robot in plane.catalog.robots
+    ]
+
+
+@api.get("/tasks")
+def get_tasks(plane: Plane) -> list[TaskInfo]:
+    """Tasks the code knows."""
+    return list(plane.catalog.tasks)
+
+
+@api.get("/policies")
+def get_policies(plane: Plane) -> list[PolicyInfo]:
+    """Policies that running policy services offer."""
+    return plane.deployment.policies()
+
+
+@api.get("/services")
+def get_services(plane: Plane) -> list[ServiceInfo]:
+    """Nodes on the bus, also those that were lost."""
+    return list(plane.deployment.nodes)
+
+
+@health.get("/healthz")
+def get_health() -> dict[str, str]:
+    """The process answers."""
+    return {"status": "alive"}
+
+
+@health.get("/readyz")
+def get_readiness(plane: Plane) -> dict[str, str]:
+    """Whether an evaluation can run now."""
+    missing = plane.deployment.missing()
+    if missing:
+        raise NotReady(", ".join(missing), plane.deployment.running)
+    return {"status": "ready"}

@@ -1,0 +1,157 @@
+"""Stand-ins for the nodes of a deployment, as small as the episode protocol allows."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+
+from common.api import TaskInfo
+from common.bus import Bus, BusSettings, open_session
+from common.messages import (
+    Distribution,
+    EpisodeAbort,
+    EpisodeConfigure,
+    EpisodePicture,
+    EpisodeReady,
+    EpisodeResult,
+    EpisodeStart,
+    Problem,
+    StageTimes,
+    TrialResult,
+)
+from common.service import AnyMessage, Host, InlineRunner, Reactor
+from services.control.catalog import Catalog, Robot
+from services.control.scheduler import Scheduler
+
+CATALOG = Catalog(
+    robots=tuple(Robot(name, name.title(), 7) for name in ("abstract", "panda", "spot")),
+    tasks=(TaskInfo(name="lid", title="Close the lid", time_limit_s=20.0),),
+    cameras=("t265", "pinhole"),
+)
+
+
+def make_result(outcome: str = "success", reason: str = "lid closed", *, seed: int = 0):
+    """A result as the simulation sends it; the trace depends on the seed alone."""
+    spread = Distribution(median=0.01, p95=0.02, largest=0.03)
+    return TrialResult(
+        outcome=outcome,
+        reason=reason,
+        failed_conditions=[],
+        ticks=500,
+        sim_time_s=5.0,
+        wall_time_s=0.5,
+        goal_distance_m=0.001,
+        hand_error_m=spread,
+        hand_error_rad=spread,
+        solve_time_s=spread,
+        inference_s=spread,
+        stages=StageTimes(physics_s=0.1, camera_s=0.1, waiting_s=0.3, solve_s=0.1, inference_s=0.1),
+        held_ticks=0,
+        missed_frames=0,
+        resends=0,
+        trace_sha256=f"{seed:064x}",
+    )
+
+
+def make_picture(header, *, moment: str = "end") -> EpisodePicture:
+    return EpisodePicture(
+        header=header, moment=moment, view="scene", width=4, height=2, channels=3, pixels=bytes(24)
+    )
+
+
+class FakeNode(Reactor):
+    """Gets ready for every episode that names it."""
+
+    inputs = (EpisodeConfigure, EpisodeStart, EpisodeAbort)
+
+    def __init__(self, node: str, *, robots: Sequence[str] = (), policies: Sequence[str] = ()):
+        self.node = node
+        self.problem: Problem | None = None
+        self._offers = {"robots": list(robots), "policies": list(policies)}
+
+    def offers(self):
+        return {what: names for what, names in self._offers.items() if names}
+
+    def handle(self, messages: Sequence[AnyMessage]) -> Iterable[AnyMessage]:
+        for message in messages:
+            if isinstance(message, EpisodeConfigure) and message.nodes[self.kind] == self.node:
+                yield EpisodeReady(
+                    header=message.header, node=self.node, kind=self.kind, problem=self.problem
+                )
+
+
+class FakeRetarget(FakeNode):
+    kind = "retarget"
+
+
+class FakeGripper(FakeNode):
+    kind = "gripper"
+
+
+class FakePolicy(FakeNode):
+    kind = "policy"
+
+
+class FakeSim(FakeNode):
+    """Ends an episode at its next tick; while `hold` is set it keeps it running."""
+
+    kind = "sim"
+    packages = ("numpy",)
+
+    def __init__(self, node: str) -> None:
+        super().__init__(node)
+        self.hold = threading.Event()
+        self.configured: list[EpisodeConfigure] = []
+        self.aborted: list[EpisodeAbort] = []
+        self.judge: Callable[[EpisodeConfigure], TrialResult] = lambda configure: make_result(
+            seed=configure.seed
+        )
+        self._running: EpisodeConfigure | None = None
+
+    @property
+    def owned_cell(self) -> str:
+        return self.node
+
+    @property
+    def tick_period_s(self) -> float:
+        return 0.005
+
+    def handle(self, messages: Sequence[AnyMessage]) -> Iterable[AnyMessage]:
+        for message in messages:
+            if isinstance(message, EpisodeConfigure):
+                self.configured.append(message)
+                yield from super().handle([message])
+            elif isinstance(message, EpisodeStart):
+                self._running = self.configured[-1]
+            elif isinstance(message, EpisodeAbort):
+                self.aborted.append(message)
+                self._running = None
+        if self._running is not None and not self.hold.is_set():
+            configure, self._running = self._running, None
+            if configure.pictures:
+                yield make_picture(configure.header)
+            yield EpisodeResult(header=configure.header, result=self.judge(configure))
+
+
+def usual_nodes(*, cells: int = 1, robots: Sequence[str] = ("abstract", "panda")) -> list[FakeNode]:
+    """A deployment with everything."""
+    return [
+        *(FakeSim(f"sim-{number}") for number in range(cells)),
+        *(FakeRetarget(f"retarget-{robot}", robots=[robot]) for robot in robots),
+        FakeGripper("gripper"),
+        FakePolicy("policy", policies=["expert", "random"]),
+    ]
+
+
+@contextmanager
+def one_process(
+    scheduler: Scheduler, nodes: Sequence[FakeNode], sink
+) -> Iterator[tuple[InlineRunner, Host]]:
+    """Scheduler and nodes on one session without links; give runner and scheduler's host."""
+    with open_session(BusSettings(profile="in_process")) as session, Bus(session) as bus:
+        host = Host(scheduler, bus, node="control", sink=sink)
+        others = [Host(node, bus, node=node.node) for node in nodes]
+        runner = InlineRunner([host, *others])
+        runner.start()
+        yield runner, host
