@@ -21,7 +21,7 @@ TrialStatus = Literal["pending", "running", "success", "failure", "aborted", "ca
 
 
 class EvaluationRequest(BaseModel):
-    """A grid: tasks × robots × policies × trials. Trial i of a task has one seed for all of them."""
+    """A grid tasks × robots × policies × trials. Trial i of a task has one seed for all of them."""
 
     model_config = _CONFIG
 

@@ -1,4 +1,7 @@
-"""Structured logs: one JSON object per line on standard error. Configured by `main`, never on import."""
+"""Structured logs: one JSON object per line on standard error.
+
+Configured by a process's `main`, never on import.
+"""
 
 from __future__ import annotations
 

@@ -12,6 +12,7 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import FrameType
 from typing import ClassVar, TypeAlias
 
 from common import __version__
@@ -309,8 +310,12 @@ def _loop(host: Host, stop: threading.Event, parent_pid: int | None) -> None:
 
 def install_stop_signals(stop: threading.Event) -> None:
     """Let SIGTERM and SIGINT set an event; the loop then ends and closes its session."""
+
+    def set_stop(number: int, frame: FrameType | None) -> None:
+        stop.set()
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, set_stop)
 
 
 def _refuse_second(bus: Bus, kind: str, settings: BusSettings) -> None:

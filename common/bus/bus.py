@@ -32,9 +32,7 @@ class DescribeRequest:
     def answer(self, description: NodeDescription) -> None:
         """Reply and release the query; one kept alive would block the asker until its time-out."""
         with self._query as query:
-            query.reply(
-                query.key_expr, encode(description), encoding=encoding_of(NodeDescription)
-            )
+            query.reply(query.key_expr, encode(description), encoding=encoding_of(NodeDescription))
 
 
 class Bus:
@@ -160,9 +158,7 @@ class Bus:
             inbox.put_event(NodeUp(kind, node) if up else NodeDown(kind, node))
 
         self._declared.append(
-            self._session.liveliness().declare_subscriber(
-                "alive/*/*", _direct(store), history=True
-            )
+            self._session.liveliness().declare_subscriber("alive/*/*", _direct(store), history=True)
         )
 
     def close(self) -> None:

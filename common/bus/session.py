@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
@@ -79,7 +79,7 @@ def _config(settings: BusSettings) -> zenoh.Config:
 @contextmanager
 def open_session(
     settings: BusSettings, *, stop: threading.Event | None = None, wait_s: float = 30.0
-) -> Iterator[zenoh.Session]:
+) -> Generator[zenoh.Session]:
     """Open a session and close it in every case (an unclosed one can hang at exit).
 
     A client tries again in attempts of one second, so that `stop` is obeyed: inside Zenoh's own

@@ -9,7 +9,7 @@ from common.messages.base import MODEL_CONFIG, Message, PoseWire, Reply, Vector3
 
 
 class ActionStep(BaseModel):
-    """One 10 Hz step: from the current gripper set-point to the next, in the current one's frame."""
+    """One 10 Hz step from the gripper's set-point to the next, in the frame of the first."""
 
     model_config = MODEL_CONFIG
 
@@ -29,7 +29,7 @@ class PolicyAction(Reply):
 
 
 class GroundTruth(Message):
-    """Poses of the scene's objects. For scripted experts and viewers, never for learned policies."""
+    """Poses of the scene's objects, for scripted experts and viewers; learned policies get none."""
 
     T_world_tool: PoseWire
     objects: dict[str, PoseWire]

@@ -99,6 +99,10 @@ _SCENE = f"""
 </mujoco>
 """
 
+_VIEWPOINT = SceneCamera(
+    position_m=(1.40, -1.30, 1.50), target_m=(0.40, -0.06, 0.88), fovy_deg=42.0
+)
+
 
 @dataclass(frozen=True)
 class LidTask:
@@ -109,9 +113,7 @@ class LidTask:
     time_limit_s: float = 40.0
     moved_object: str = "lid"
     objects: tuple[str, ...] = ("stove", "pot", "lid")
-    scene_camera: SceneCamera = SceneCamera(
-        position_m=(1.40, -1.30, 1.50), target_m=(0.40, -0.06, 0.88), fovy_deg=42.0
-    )
+    scene_camera: SceneCamera = _VIEWPOINT
 
     def scene_xml(self) -> str:
         """Floor, table, stove, pot and lid."""

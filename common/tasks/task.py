@@ -116,14 +116,35 @@ class Script(Protocol):
 class Task(Protocol):
     """One task: scene, spawn, success test, script."""
 
-    name: str
-    title: str
-    time_limit_s: float
-    moved_object: str
-    """The object whose placement is the goal."""
-    objects: tuple[str, ...]
-    """Free bodies of the scene, by body name."""
-    scene_camera: SceneCamera
+    @property
+    def name(self) -> str:
+        """As it is asked for, e.g. `lid`."""
+        ...
+
+    @property
+    def title(self) -> str:
+        """For people, e.g. "Closing the lid"."""
+        ...
+
+    @property
+    def time_limit_s(self) -> float:
+        """Simulated time after which the task has failed [s]."""
+        ...
+
+    @property
+    def moved_object(self) -> str:
+        """The object whose placement is the goal."""
+        ...
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Free bodies of the scene, by body name."""
+        ...
+
+    @property
+    def scene_camera(self) -> SceneCamera:
+        """Viewpoint for pictures."""
+        ...
 
     def scene_xml(self) -> str:
         """MJCF of table and objects, without any robot. Free bodies carry a free joint."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -35,14 +35,14 @@ class Measurements:
         self.inference_s.append(action.inference_s)
 
     @contextmanager
-    def physics(self) -> Iterator[None]:
+    def physics(self) -> Generator[None]:
         """Count the time of a block as physics."""
         started = time.perf_counter()
         yield
         self.physics_s += time.perf_counter() - started
 
     @contextmanager
-    def camera(self) -> Iterator[None]:
+    def camera(self) -> Generator[None]:
         """Count the time of a block as camera."""
         started = time.perf_counter()
         yield

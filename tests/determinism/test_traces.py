@@ -1,4 +1,4 @@
-"""The same trial gives the same trace, bit for bit: in one process, over processes, again, after others."""
+"""The same trial gives the same trace, bit for bit, in one process and over processes."""
 
 from __future__ import annotations
 

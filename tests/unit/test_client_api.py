@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import httpx
 import pytest
+
 from client.api import LegatoClient
 from client.errors import ControlUnreachable, NotLegato, RestError
 from client.sse import parse_events

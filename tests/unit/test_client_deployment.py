@@ -3,6 +3,7 @@ from __future__ import annotations
 import socket
 
 import pytest
+
 from client.deployment import HOST, Deployment, find_free_ports, is_port_free
 from client.errors import NodesMissing, ProcessGaveUp
 from client.processes import RestartPolicy, read_last_line

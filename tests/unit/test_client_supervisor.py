@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 
 import pytest
+
 from client.deployment import Deployment, ProcessSpec
 from client.supervisor import Supervisor, open_deployment, read_state, state_path
 from common.errors import AlreadyRunning

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -70,7 +72,7 @@ def test_a_segment_keeps_its_speed_limits_and_arrives(way_m: float, angle_rad: f
     T_end = make_pose(T_start[:3, :3] @ exp3([0.0, angle_rad, 0.0]), [way_m, 0.0, 0.5])
     segment = MinJerkSegment(T_start, T_end, speed_m_s=0.25, turn_rad_s=1.2, period_s=0.1)
     poses = [segment.pose(i) for i in range(segment.steps + 3)]
-    steps = [distance(a, b) for a, b in zip(poses, poses[1:], strict=False)]
+    steps = [distance(a, b) for a, b in itertools.pairwise(poses)]
     assert max(s[0] for s in steps) <= 0.025 + 1e-9
     assert max(s[1] for s in steps) <= 0.12 + 1e-9
     np.testing.assert_allclose(poses[segment.steps], T_end, atol=1e-12)

@@ -1,0 +1,164 @@
+"""One episode of one cell: which tick may be answered, and with what."""
+
+from __future__ import annotations
+
+import logging
+import time
+
+from common.errors import WrongShape
+from common.messages import (
+    EpisodeConfigure,
+    Message,
+    PolicyAction,
+    RetargetStatus,
+    RobotCommand,
+    RobotState,
+)
+from common.robots import RobotSpec
+from common.se3 import Array, distance, pose_to_wire
+from services.retarget.reference import GripperReference
+from services.retarget.retargeter import Motion, Retargeter
+
+log = logging.getLogger(__name__)
+
+
+class RetargetEpisode:
+    """Answers each tick once, in order, and repeats its last answer when asked again.
+
+    In lockstep a tick that names a due frame waits for that frame's action. In real time an action
+    takes effect at the next state.
+
+    Args:
+        configure: The episode.
+        spec: Its robot.
+        retargeter: A retargeter of that robot that no other episode uses.
+    """
+
+    def __init__(
+        self, configure: EpisodeConfigure, spec: RobotSpec, retargeter: Retargeter
+    ) -> None:
+        self.configure = configure
+        self._spec = spec
+        self._retargeter = retargeter
+        self._reference: GripperReference | None = None
+        self._actions: dict[int, PolicyAction] = {}
+        self._newest_taken = -1
+        self._waiting: RobotState | None = None
+        self._answered = -1
+        self._answer: list[Message] = []
+        self._failures = 0
+        self._complained = False
+
+    @property
+    def epoch(self) -> int:
+        """Which run of the cell this is."""
+        return self.configure.header.epoch
+
+    def take_action(self, action: PolicyAction) -> list[Message]:
+        """Keep an action until it is due; answer the tick that waited for it, if any."""
+        if action.for_step > self._newest_taken:
+            self._actions[action.for_step] = action
+        return self._answer_waiting()
+
+    def take_state(self, state: RobotState) -> list[Message]:
+        """Answer a tick, now or when its action is there."""
+        step = state.header.step
+        if step == self._answered:
+            return self._answer
+        if step < self._answered or not self._has_right_shape(state):
+            return []
+        self._waiting = state
+        return self._answer_waiting()
+
+    def _answer_waiting(self) -> list[Message]:
+        state = self._waiting
+        if state is None:
+            return []
+        due = self._list_due(state)
+        if due is None:
+            return []
+        self._waiting = None
+        self._answered = state.header.step
+        self._answer = self._answer_state(state, due)
+        return self._answer
+
+    def _list_due(self, state: RobotState) -> list[PolicyAction] | None:
+        """Actions that take effect at this state, oldest first; None if one is still missing."""
+        if self.configure.mode == "realtime":
+            due = sorted(self._actions)
+        elif state.due_frame_step < 0:
+            return []
+        elif state.due_frame_step not in self._actions:
+            return None
+        else:
+            due = [state.due_frame_step]
+        actions = [self._actions[step] for step in due]
+        if due:
+            self._newest_taken = due[-1]
+            self._actions = {
+                step: action for step, action in self._actions.items() if step > due[-1]
+            }
+        return actions
+
+    def _answer_state(self, state: RobotState, due: list[PolicyAction]) -> list[Message]:
+        T_world_tool = self._retargeter.compute_tool_pose(state.positions)
+        if self._reference is None:
+            self._reference = GripperReference(T_world_tool)
+            self._retargeter.start(state.positions)
+        for action in due:
+            self._reference.take(action.steps)
+        reference = self._reference.advance()
+        started = time.perf_counter()
+        motion = self._retargeter.follow(reference)
+        solve_time_s = time.perf_counter() - started
+        self._failures += motion.failures
+        return [
+            self._build_status(state, reference.T_world_start, T_world_tool, motion, solve_time_s),
+            # The runner stamps source, sequence number and time.
+            RobotCommand(
+                header=state.header,
+                for_step=state.header.step,
+                request_t_mono_ns=state.header.t_mono_ns,
+                positions=motion.positions,
+                velocities=motion.velocities,
+            ),
+        ]
+
+    def _build_status(
+        self,
+        state: RobotState,
+        T_world_reference: Array,
+        T_world_tool: Array,
+        motion: Motion,
+        solve_time_s: float,
+    ) -> RetargetStatus:
+        error_m, error_rad = distance(T_world_reference, T_world_tool)
+        return RetargetStatus(
+            header=state.header,
+            for_step=state.header.step,
+            request_t_mono_ns=state.header.t_mono_ns,
+            T_world_reference=pose_to_wire(T_world_reference),
+            T_world_tool=pose_to_wire(T_world_tool),
+            hand_error_m=error_m,
+            hand_error_rad=error_rad,
+            scaling=motion.scaling,
+            active_limits=motion.active_limits,
+            solve_time_s=solve_time_s,
+            solver_failures=self._failures,
+        )
+
+    def _has_right_shape(self, state: RobotState) -> bool:
+        lengths = (
+            ("RobotState.positions", self._spec.nq, len(state.positions)),
+            ("RobotState.velocities", self._spec.nv, len(state.velocities)),
+        )
+        for what, expected, got in lengths:
+            if got != expected:
+                if not self._complained:
+                    self._complained = True
+                    error = WrongShape(what, expected, got)
+                    log.error(
+                        "state ignored", extra={"cell": state.header.cell, **error.describe()}
+                    )
+                return False
+        return True

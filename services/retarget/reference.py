@@ -1,0 +1,132 @@
+"""The gripper reference: a set-point that policies move at 10 Hz, interpolated at 100 Hz."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.clock import FRAME_TICKS, TICK_S
+from common.messages import ActionStep
+from common.se3 import Array, apply_differential, exp3, log3
+
+
+@dataclass(frozen=True)
+class TickReference:
+    """Where the gripper should be over one tick.
+
+    Args:
+        T_world_start: (4, 4) pose at the start of the tick.
+        T_world_end: (4, 4) pose at its end.
+        twist: (6,) linear and angular velocity over the tick, world axes [m/s, rad/s].
+    """
+
+    T_world_start: Array
+    T_world_end: Array
+    twist: Array
+
+
+class Setpoint:
+    """The pose that the policy's differential poses are composed on, and what is left of a chunk.
+
+    Args:
+        T_world_tool: (4, 4) where it starts: the measured tool pose.
+    """
+
+    def __init__(self, T_world_tool: Array) -> None:
+        self.T_world_setpoint = T_world_tool.copy()
+        self._steps: list[ActionStep] = []
+
+    def replace(self, steps: Sequence[ActionStep]) -> None:
+        """Take the steps of a new action; what was left of the last one is dropped."""
+        self._steps = list(steps)
+
+    def advance(self) -> bool:
+        """Move on by the next step; tell whether there was one."""
+        if not self._steps:
+            return False
+        step = self._steps.pop(0)
+        self.T_world_setpoint = apply_differential(
+            self.T_world_setpoint, step.translation_m, step.rotation_rad
+        )
+        return True
+
+
+class WaypointInterpolator:
+    """Straight motion from the current reference to a waypoint in ten ticks, then rest.
+
+    With tau from 0 to 1: p = p0 + tau (p1 - p0), R = exp3(tau w) R0, w = log3(R1 R0^T). Twist
+    ((p1 - p0) / h, w / h), h = 0.1 s, is constant in world axes. One waypoint of latency is the
+    price of knowing it.
+
+    Args:
+        T_world_start: (4, 4) where it rests at first.
+    """
+
+    def __init__(self, T_world_start: Array) -> None:
+        self._T_now = self._T_from = self._T_to = T_world_start.copy()
+        self._d = np.zeros(3)
+        self._w = np.zeros(3)
+        self._twist = np.zeros(6)
+        self._ticks = FRAME_TICKS
+
+    @property
+    def T_world_reference(self) -> Array:
+        """Pose (4, 4) at this moment."""
+        return self._T_now
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the last waypoint is reached."""
+        return self._ticks >= FRAME_TICKS
+
+    def aim(self, T_world_waypoint: Array) -> None:
+        """Start from wherever the reference is now towards a waypoint (4, 4)."""
+        self._T_from, self._T_to = self._T_now, T_world_waypoint.copy()
+        self._w = log3(self._T_to[:3, :3] @ self._T_from[:3, :3].T)
+        self._d = self._T_to[:3, 3] - self._T_from[:3, 3]
+        self._twist = np.concatenate([self._d, self._w]) / (FRAME_TICKS * TICK_S)
+        self._ticks = 0
+
+    def advance(self) -> TickReference:
+        """Move on by one tick."""
+        T_start = self._T_now
+        if self.arrived:
+            return TickReference(T_start, T_start, np.zeros(6))
+        self._ticks += 1
+        self._T_now = self._T_to if self.arrived else self._between(self._ticks / FRAME_TICKS)
+        return TickReference(T_start, self._T_now, self._twist)
+
+    def _between(self, tau: float) -> Array:
+        T = self._T_from.copy()
+        T[:3, 3] += tau * self._d
+        T[:3, :3] = exp3((tau * self._w).tolist()) @ T[:3, :3]
+        return T
+
+
+class GripperReference:
+    """Set-point and interpolator of one episode.
+
+    Args:
+        T_world_tool: (4, 4) measured tool pose at the first tick.
+    """
+
+    def __init__(self, T_world_tool: Array) -> None:
+        self._setpoint = Setpoint(T_world_tool)
+        self._interpolator = WaypointInterpolator(T_world_tool)
+
+    def take(self, steps: Sequence[ActionStep]) -> None:
+        """Start on a new action now, from the current reference."""
+        self._setpoint.replace(steps)
+        self._aim_at_next_step()
+
+    def advance(self) -> TickReference:
+        """Move on by one tick; a chunk continues whenever its last waypoint is reached."""
+        if self._interpolator.arrived:
+            self._aim_at_next_step()
+        return self._interpolator.advance()
+
+    def _aim_at_next_step(self) -> None:
+        if self._setpoint.advance():
+            self._interpolator.aim(self._setpoint.T_world_setpoint)

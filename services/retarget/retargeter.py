@@ -1,0 +1,69 @@
+"""What a retargeter is, and the one of a hand without a body."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from common.se3 import Array, pose_from_wire, pose_to_wire
+from services.retarget.reference import TickReference
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a robot is told to do in one tick.
+
+    Args:
+        positions: To be reached at the end of the tick, as in `RobotCommand`.
+        velocities: Over the tick.
+        scaling: Share of each level that was achieved.
+        active_limits: Joints whose velocity stands at a bound.
+        failures: Levels that fell back to their feasible default.
+    """
+
+    positions: list[float]
+    velocities: list[float]
+    scaling: list[float]
+    active_limits: list[str]
+    failures: int
+
+
+class Retargeter(Protocol):
+    """Follows a gripper reference with one robot. Integrates its own command, tick by tick."""
+
+    def compute_tool_pose(self, positions: Sequence[float]) -> Array:
+        """T_world_tool (4, 4) at measured positions."""
+        ...
+
+    def start(self, positions: Sequence[float]) -> None:
+        """Begin an episode at the measured positions, at rest."""
+        ...
+
+    def follow(self, reference: TickReference) -> Motion:
+        """Plan one tick."""
+        ...
+
+
+class IdentityRetargeter:
+    """A free hand is where the reference is."""
+
+    def compute_tool_pose(self, positions: Sequence[float]) -> Array:
+        """T_world_tool (4, 4) of `[x, y, z, qw, qx, qy, qz]`."""
+        return pose_from_wire(positions)
+
+    def start(self, positions: Sequence[float]) -> None:
+        """Nothing to remember: the reference starts at the measured pose."""
+
+    def follow(self, reference: TickReference) -> Motion:
+        """Pose at the end of the tick; linear velocity in world axes, angular in the hand's."""
+        T = reference.T_world_end
+        # The turn's axis is fixed in the world and therefore in the hand as well.
+        angular = T[:3, :3].T @ reference.twist[3:]
+        return Motion(
+            positions=pose_to_wire(T),
+            velocities=[*reference.twist[:3].tolist(), *angular.tolist()],
+            scaling=[1.0],
+            active_limits=[],
+            failures=0,
+        )
