@@ -47,7 +47,9 @@ def kill(supervisor: Supervisor, node: str) -> int:
     return pid
 
 
-def wait_for_running_trial(client: LegatoClient, evaluation: str, *, timeout_s: float = 60.0) -> Trial:
+def wait_for_running_trial(
+    client: LegatoClient, evaluation: str, *, timeout_s: float = 60.0
+) -> Trial:
     """Wait until some trial is in the middle of an attempt."""
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:
@@ -58,7 +60,9 @@ def wait_for_running_trial(client: LegatoClient, evaluation: str, *, timeout_s: 
     raise AssertionError("no trial has started")
 
 
-def wait_until_done(client: LegatoClient, evaluation: str, *, timeout_s: float = 120.0) -> Evaluation:
+def wait_until_done(
+    client: LegatoClient, evaluation: str, *, timeout_s: float = 120.0
+) -> Evaluation:
     """Wait for the end of an evaluation by polling, so that a control plane may die meanwhile."""
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:

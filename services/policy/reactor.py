@@ -85,9 +85,7 @@ class PolicyReactor(Reactor):
         except LegatoError as error:
             problem = Problem(**error.describe())
         return [
-            EpisodeReady(
-                header=configure.header, node=self.node, kind=self.kind, problem=problem
-            )
+            EpisodeReady(header=configure.header, node=self.node, kind=self.kind, problem=problem)
         ]
 
     def _observe(self, message: StereoFrame | GroundTruth) -> list[Message]:

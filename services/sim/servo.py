@@ -72,9 +72,7 @@ class JointServos:
     def add_actuators(spec: Any, robot: RobotSpec) -> None:
         """Add one affine actuator per joint to a world."""
         for joint in robot.joints:
-            _add_servo(
-                spec, joint.name, kp=joint.kp, kd=joint.kd, limit=joint.torque_limit
-            )
+            _add_servo(spec, joint.name, kp=joint.kp, kd=joint.kd, limit=joint.torque_limit)
 
     def reset(self, data: Any) -> None:
         """Put the arm at its start posture."""

@@ -52,7 +52,9 @@ class World:
         self._objects = tuple(_find_body(self.model, name) for name in task.objects)
         self._object_of_geom, self._is_robot_geom = self._classify_geoms()
         self.servos: Servos = (
-            HandServos(self.model, robot) if robot.hand is not None else JointServos(self.model, robot)
+            HandServos(self.model, robot)
+            if robot.hand is not None
+            else JointServos(self.model, robot)
         )
         self.fingers = Fingers(self.model)
         self._place(seed)
@@ -81,9 +83,7 @@ class World:
 
     def object_poses(self) -> dict[str, list[float]]:
         """Pose of every object, as it travels in `GroundTruth`."""
-        return {
-            body.name: pose_to_wire(self._pose(body)) for body in self._objects
-        }
+        return {body.name: pose_to_wire(self._pose(body)) for body in self._objects}
 
     def object_states(self) -> dict[str, ObjectState]:
         """Pose and velocity of every object."""
@@ -113,9 +113,7 @@ class World:
         )
 
     def _pose(self, body: _Body) -> Array:
-        return make_pose(
-            self.data.xmat[body.body_id].reshape(3, 3), self.data.xpos[body.body_id]
-        )
+        return make_pose(self.data.xmat[body.body_id].reshape(3, 3), self.data.xpos[body.body_id])
 
     def _touching_robot(self) -> frozenset[str]:
         if self.data.ncon == 0:

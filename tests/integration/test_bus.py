@@ -51,7 +51,9 @@ def state(step: int) -> m.RobotState:
     )
 
 
-def wait_for(inbox: Inbox, count: int, timeout_s: float = 5.0) -> tuple[list[object], list[Received]]:
+def wait_for(
+    inbox: Inbox, count: int, timeout_s: float = 5.0
+) -> tuple[list[object], list[Received]]:
     events: list[object] = []
     items: list[Received] = []
     deadline = time.monotonic() + timeout_s
@@ -251,7 +253,7 @@ with open_session(BusSettings("client", "{settings.endpoint}", "stall")) as sess
 
 
 def test_matching_status_is_never_used_as_a_truth_value():
-    """`matching_status` is an object and always true, so code that branches on it loses messages."""
+    """`matching_status` is an object, always true: code that branches on it loses messages."""
     assert "__bool__" not in vars(zenoh.MatchingStatus)
     for path in [*ROOT.glob("common/**/*.py"), *ROOT.glob("services/**/*.py")]:
         for node in ast.walk(ast.parse(path.read_text())):
@@ -271,5 +273,7 @@ def test_callbacks_are_direct():
     ]
     assert calls
     for call in calls:
-        handlers = [a for a in call.args if isinstance(a, ast.Call) and ast.unparse(a.func) == "_direct"]
+        handlers = [
+            a for a in call.args if isinstance(a, ast.Call) and ast.unparse(a.func) == "_direct"
+        ]
         assert len(handlers) == 1, ast.unparse(call)

@@ -1,0 +1,1 @@
+"""The typed client of the REST API (`client.api`) and the `legato` command line (`client.main`)."""

@@ -1,0 +1,164 @@
+"""The arguments of every verb. Field names are the options, docstrings are the help."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from tyro.conf import Positional, UseAppendAction
+
+Repeated = UseAppendAction[tuple[str, ...]]
+"""Given several times. Its default is filled in by the verb: given values would be added to it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command:
+    """What every verb takes."""
+
+    debug: bool = False
+    """Show the traceback of an error."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demo(Command):
+    """Start everything, evaluate the lid task on two robots, write a report, stop everything."""
+
+    trials: int = 5
+    """Trials per robot."""
+    seed: int = 0
+    """Seed of the first trial's scene."""
+    cells: int = 2
+    """Simulation processes that share the trials."""
+    data: Path = Path("runs")
+    """Folder in which a new folder for this run is made."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Up(Command):
+    """Start the services of one machine and leave them running."""
+
+    robot: Repeated = ()
+    """Robot that gets a retargeter; give it again for more (default: abstract, panda)."""
+    cells: int = 1
+    """Simulation processes; each runs one trial at a time."""
+    port: int = 8000
+    """TCP port of the control plane (REST)."""
+    router_port: int = 7447
+    """TCP port of the Zenoh router."""
+    namespace: str = "legato"
+    """Prefix of every key on the bus; keeps deployments apart."""
+    data: Path = Path("runs")
+    """Folder of results, logs and the state file."""
+    log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
+    """Least level that the services log."""
+    foreground: bool = False
+    """Stay attached and stop everything on Ctrl-C."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Down(Command):
+    """Stop the services that `legato up` started."""
+
+    data: Path = Path("runs")
+    """Folder that was given to `legato up`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Status(Command):
+    """Show the running services; exit code 1 if there are none."""
+
+    url: str = "http://127.0.0.1:8000"
+    """Where the control plane answers."""
+    json: bool = False
+    """Print one JSON object."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Eval(Command):
+    """Evaluate policies: every task on every robot with every policy, on equal seeds."""
+
+    task: Repeated = ()
+    """Task; give it again for a grid (default: lid)."""
+    robot: Repeated = ()
+    """Robot; give it again for a grid (default: abstract, panda)."""
+    policy: Repeated = ()
+    """Policy; give it again for a grid (default: expert)."""
+    trials: int = 5
+    """Trials per task, robot and policy."""
+    seed: int = 0
+    """Seed of the first trial; the others follow from it."""
+    mode: Literal["lockstep", "realtime"] = "lockstep"
+    """Lockstep repeats bit for bit; realtime waits for nobody, as hardware does."""
+    camera: str = "t265"
+    """Calibration of the stereo camera."""
+    full_grid: bool = False
+    """Trace every pixel of the images: slower, exact."""
+    action_latency_ms: float = 0.0
+    """Lockstep: modelled time from a frame to its action's effect [ms]."""
+    in_process: bool = False
+    """Run everything inside this process, without services."""
+    json: bool = False
+    """Print one JSON object instead of the table."""
+    report: Path | None = None
+    """Also write the results as one HTML file."""
+    url: str = "http://127.0.0.1:8000"
+    """Where the control plane answers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report(Command):
+    """Write an evaluation as one HTML file that needs nothing else."""
+
+    evaluation: Positional[str]
+    """Id of the evaluation, as `legato eval` prints it."""
+    out: Path = Path("report.html")
+    """File to write."""
+    url: str = "http://127.0.0.1:8000"
+    """Where the control plane answers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bus(Command):
+    """What every command on the bus takes."""
+
+    endpoint: str = "tcp/127.0.0.1:7447"
+    """Address of the Zenoh router."""
+    namespace: str = "legato"
+    """Prefix of every key of the deployment."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopicList(Bus):
+    """List every topic with its usual rate and what is seen now."""
+
+    duration_s: float = 1.0
+    """How long to listen [s]."""
+    json: bool = False
+    """Print one JSON object."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopicEcho(Bus):
+    """Print messages as JSON lines; images as their size."""
+
+    topic: Positional[str]
+    """Topic, e.g. robot/state."""
+    cell: str = "*"
+    """Cell or node; * = all."""
+    count: int = 0
+    """Stop after this many messages; 0 = go on until Ctrl-C."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopicHz(Bus):
+    """Measure the rate of messages and the gaps between them, per key."""
+
+    topic: Positional[str]
+    """Topic, e.g. robot/state."""
+    cell: str = "*"
+    """Cell or node; * = all."""
+    duration_s: float = 5.0
+    """How long to listen [s]."""
+    json: bool = False
+    """Print one JSON object."""

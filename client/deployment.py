@@ -1,0 +1,128 @@
+"""What runs on one machine: a router, a control plane, cells, and a retargeter per robot."""
+
+from __future__ import annotations
+
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from annotated_types import Ge, Le, Len
+from pydantic import BaseModel, ConfigDict
+
+from common.errors import PortInUse
+from common.messages.base import Name
+
+HOST = "127.0.0.1"
+
+Port = Annotated[int, Ge(1), Le(65535)]
+
+
+@dataclass(frozen=True)
+class ProcessSpec:
+    """One process: its name on the bus and how it is started.
+
+    Args:
+        kind: Kind of service.
+        node: Name on the bus, and of its log file.
+        module: Module that is run.
+        arguments: Its command line, without `--parent-pid`.
+    """
+
+    kind: str
+    node: str
+    module: str
+    arguments: tuple[str, ...]
+
+
+class Deployment(BaseModel):
+    """The services of one machine, their ports and where their results go."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    robots: Annotated[tuple[Name, ...], Len(1, 64)] = ("abstract", "panda")
+    cells: Annotated[int, Ge(1), Le(64)] = 1
+    rest_port: Port = 8000
+    router_port: Port = 7447
+    namespace: Name = "legato"
+    data: Path = Path("runs")
+    log_level: str = "INFO"
+
+    @property
+    def url(self) -> str:
+        """Where the control plane answers."""
+        return f"http://{HOST}:{self.rest_port}"
+
+    @property
+    def endpoint(self) -> str:
+        """Where the router listens."""
+        return f"tcp/{HOST}:{self.router_port}"
+
+    @property
+    def logs(self) -> Path:
+        """Folder of the log files, one per node."""
+        return self.data / "logs"
+
+    def processes(self) -> tuple[ProcessSpec, ...]:
+        """Every process, the router first: the others wait for it."""
+        return (
+            ProcessSpec(
+                "router",
+                "router",
+                "services.router",
+                (f"--listen={HOST}:{self.router_port}", *self._common(endpoint=False)),
+            ),
+            self._service("control", "control", self._control_arguments()),
+            *(self._service("sim", f"sim-{number}") for number in range(self.cells)),
+            *(
+                self._service("retarget", f"retarget-{robot}", (f"--robot={robot}",))
+                for robot in self.robots
+            ),
+            self._service("gripper", "gripper"),
+            self._service("policy", "policy"),
+        )
+
+    def check_ports(self) -> None:
+        """Refuse ports that something else listens on.
+
+        Raises:
+            PortInUse: Names the first one.
+        """
+        for purpose, port in (("router", self.router_port), ("REST", self.rest_port)):
+            if not is_port_free(port):
+                raise PortInUse(purpose, HOST, port)
+
+    def _service(self, kind: str, node: str, own: tuple[str, ...] = ()) -> ProcessSpec:
+        name = () if kind == "control" else (f"--node={node}",)
+        return ProcessSpec(kind, node, f"services.{kind}", (*name, *own, *self._common()))
+
+    def _control_arguments(self) -> tuple[str, ...]:
+        return (f"--host={HOST}", f"--port={self.rest_port}", f"--data={self.data}")
+
+    def _common(self, *, endpoint: bool = True) -> tuple[str, ...]:
+        where = (f"--endpoint={self.endpoint}",) if endpoint else ()
+        return (*where, f"--namespace={self.namespace}", f"--log-level={self.log_level}")
+
+
+def is_port_free(port: int) -> bool:
+    """Whether a server could listen on a port of this machine now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        # As servers do: a port whose last connections are still winding down is free.
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except OSError:
+            return False
+    return True
+
+
+def find_free_ports(count: int) -> list[int]:
+    """Ports that nothing listens on, all different; chosen by the system."""
+    probes = [socket.socket(socket.AF_INET, socket.SOCK_STREAM) for _ in range(count)]
+    try:
+        for probe in probes:
+            probe.bind((HOST, 0))
+        return [int(probe.getsockname()[1]) for probe in probes]
+    finally:
+        for probe in probes:
+            probe.close()

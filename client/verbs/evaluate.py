@@ -1,0 +1,102 @@
+"""`legato eval` and `legato report`."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+import threading
+import time
+from pathlib import Path
+
+from client.api import LegatoClient
+from client.commands import Eval, Report
+from client.interrupts import INTERRUPTED, postpone_interrupts
+from client.progress import open_progress
+from client.record import EvaluationRecord, load_record, to_json
+from client.report import write_report
+from client.request import build_request, check_request
+from client.tables import format_results
+from common.api import EvaluationRequest
+
+CANCEL_S = 3.0
+
+
+def run(command: Eval) -> int:
+    """Evaluate, show the results, and tell whether it was interrupted."""
+    request = build_request(command, pictures=command.report is not None or not command.in_process)
+    if command.in_process:
+        record, interrupted = _run_here(request)
+        _conclude(command, record)
+    else:
+        with LegatoClient(command.url) as client:
+            record, interrupted = run_over_rest(client, request)
+            _conclude(command, record)
+    return INTERRUPTED if interrupted else 0
+
+
+def write(command: Report) -> int:
+    """Write the report of an evaluation that the control plane keeps."""
+    with LegatoClient(command.url) as client:
+        record = load_record(client, command.evaluation)
+        write_report(record, command.out, command=command_line())
+    sys.stdout.write(f"{command.out}\n")
+    return 0
+
+
+def run_over_rest(
+    client: LegatoClient, request: EvaluationRequest
+) -> tuple[EvaluationRecord, bool]:
+    """Evaluate on a control plane with progress on standard error.
+
+    Returns:
+        What came out, and whether Ctrl-C cancelled it.
+    """
+    check_request(client, request)
+    identifier = client.submit(request).id
+    interrupted = False
+    try:
+        with open_progress() as progress:
+            for event in client.events(identifier):
+                progress.update(event)
+    except KeyboardInterrupt:
+        interrupted = True
+        _cancel(client, identifier)
+    return load_record(client, identifier), interrupted
+
+
+def _cancel(client: LegatoClient, identifier: str) -> None:
+    """Stop an evaluation and give the control plane a moment to close its open trials."""
+    client.cancel(identifier)
+    deadline_s = time.monotonic() + CANCEL_S
+    while client.evaluation(identifier).status == "running" and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+
+
+def _run_here(request: EvaluationRequest) -> tuple[EvaluationRecord, bool]:
+    # Here, because it imports the physics engine and the solvers.
+    from client.offline import run_in_process
+
+    stop = threading.Event()
+    with postpone_interrupts(stop), open_progress() as progress:
+        record = run_in_process(request, progress=progress, stop=stop)
+    return record, stop.is_set()
+
+
+def _conclude(command: Eval, record: EvaluationRecord) -> None:
+    if command.json:
+        sys.stdout.write(json.dumps(to_json(record.evaluation)) + "\n")
+    else:
+        sys.stdout.write(format_results(record.evaluation) + "\n")
+    if command.report is not None:
+        write_report(record, command.report, command=command_line())
+        _tell(command.report)
+
+
+def _tell(path: Path) -> None:
+    sys.stderr.write(f"report: {path}\n")
+
+
+def command_line() -> str:
+    """This command as it was typed, for the record."""
+    return shlex.join(["legato", *sys.argv[1:]])
