@@ -6,6 +6,7 @@ follow the lid task: the eyes look down at the lid from 25 cm away, the fingers 
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import mujoco
@@ -81,7 +82,7 @@ def arm_xml() -> str:
         if k < 12
         else f'<body><geom type="capsule" size="0.04" '
         f'fromto="{a[0]} {a[1]} {a[2]} {b[0]} {b[1]} {b[2]}"/></body>'
-        for k, (a, b) in enumerate(zip(points, points[1:], strict=False))
+        for k, (a, b) in enumerate(itertools.pairwise(points))
     )
     return f'<body name="arm">{links}</body>'
 

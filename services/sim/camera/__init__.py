@@ -1,0 +1,9 @@
+"""Ray-traced cameras: the gripper's stereo pair and colour pictures from any viewpoint."""
+
+from __future__ import annotations
+
+from services.sim.camera.scene import SceneRenderer
+from services.sim.camera.stereo import StereoCamera
+from services.sim.camera.tracer import Hits, Tracer
+
+__all__ = ["Hits", "SceneRenderer", "StereoCamera", "Tracer"]
