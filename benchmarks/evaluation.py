@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+import threading
 from pathlib import Path
 from statistics import median
 
@@ -35,7 +36,7 @@ class Quiet:
 
 def run_inline(request: EvaluationRequest) -> list[TrialResult]:
     """Run an evaluation in this process."""
-    record = run_in_process(request, progress=Quiet())
+    record = run_in_process(request, progress=Quiet(), stop=threading.Event())
     return [trial.result for trial in record.trials if trial.result is not None]
 
 

@@ -13,6 +13,11 @@ FRAME_TICKS = 10
 _NS = 1_000_000_000
 
 
+def closes_frame(step: int) -> bool:
+    """Whether a tick is the last one before the next stereo frame."""
+    return (step + 1) % FRAME_TICKS == 0
+
+
 @dataclass(frozen=True)
 class BarrierVerdict:
     """What a silent barrier asks for: nothing, a resend, or the end of the episode."""

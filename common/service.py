@@ -233,13 +233,7 @@ class Host:
         header = message.header
         sequence_key = (type(message).__name__, header.cell)
         seq = self._sequence[sequence_key] = self._sequence[sequence_key] + 1
-        stamped = message.model_copy(
-            update={
-                "header": header.model_copy(
-                    update={"seq": seq, "t_mono_ns": time.monotonic_ns(), "source": self.node}
-                )
-            }
-        )
+        stamped = message.stamped(source=self.node, seq=seq, t_mono_ns=time.monotonic_ns())
         self._counts["published"] += 1
         self._bus.publish(
             stamped,

@@ -52,7 +52,7 @@ TOPICS: tuple[Topic, ...] = (
     Topic("policy/action", m.PolicyAction, "cell", 10, 4, "interactive_high", True),
     Topic("robot/state", m.RobotState, "cell", 100, 1, "interactive_high", False),
     Topic("robot/command", m.RobotCommand, "cell", 100, 1, "real_time", False),
-    Topic("retarget/status", m.RetargetStatus, "cell", 100, 1, "real_time", False),
+    Topic("retarget/status", m.RetargetStatus, "cell", 10, 1, "real_time", False),
     Topic("gripper/motor_state", m.MotorState, "cell", 100, 1, "interactive_high", False),
     Topic("gripper/motor_command", m.MotorCommand, "cell", 100, 1, "real_time", False),
     Topic("gripper/state", m.GripperState, "cell", 10, 1, "data", False),

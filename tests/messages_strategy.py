@@ -32,6 +32,7 @@ header = st.builds(
 )
 reply = {"header": header, "for_step": step, "request_t_mono_ns": step}
 motors = vector(2)
+samples = st.lists(positive, min_size=1, max_size=10)
 distribution = st.builds(m.Distribution, median=finite, p95=finite, largest=finite)
 
 
@@ -110,11 +111,11 @@ STRATEGIES: dict[type[m.Message], st.SearchStrategy[m.Message]] = {
         **reply,
         T_world_reference=vector(7),
         T_world_tool=vector(7),
-        hand_error_m=positive,
-        hand_error_rad=positive,
+        hand_error_m=samples,
+        hand_error_rad=samples,
         scaling=st.lists(st.floats(0, 1), max_size=8),
         active_limits=st.lists(st.text(max_size=10), max_size=4),
-        solve_time_s=positive,
+        solve_time_s=samples,
         solver_failures=step,
     ),
     m.MotorState: st.builds(

@@ -2,10 +2,13 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from annotated_types import Ge, Le
+from annotated_types import Ge, Le, Len
 from pydantic import Field
 
 from common.messages.base import Joints, Message, PoseWire, Reply
+
+Samples = Annotated[list[Annotated[float, Ge(0)]], Len(1, 64)]
+"""A measured quantity, one value per tick."""
 
 
 class RobotState(Message):
@@ -29,18 +32,25 @@ class RobotCommand(Reply):
 
 
 class RetargetStatus(Reply):
-    """How well the robot follows the gripper reference at tick `for_step`."""
+    """How well the robot followed the gripper reference over the ticks up to `for_step`.
+
+    Sent with the last tick of every frame period, so that what is measured at 100 Hz costs one
+    message at 10 Hz. Lists hold one value per tick, oldest first.
+    """
 
     T_world_reference: PoseWire
-    """Interpolated gripper reference at the start of the tick."""
+    """Interpolated gripper reference at the start of tick `for_step`."""
     T_world_tool: PoseWire
-    """Measured tool pose at the start of the tick."""
-    hand_error_m: Annotated[float, Ge(0)]
-    hand_error_rad: Annotated[float, Ge(0)]
+    """Measured tool pose at the start of tick `for_step`."""
+    hand_error_m: Samples
+    """Distance between reference and measured tool."""
+    hand_error_rad: Samples
+    """Angle between reference and measured tool."""
+    solve_time_s: Samples
+    """Time of the retargeting step."""
     scaling: list[Annotated[float, Ge(0), Le(1)]] = Field(max_length=8)
-    """Share c_i of each level that was achieved (paper, scaling factors)."""
+    """Smallest share c_i of each level that was achieved (paper, scaling factors)."""
     active_limits: list[str] = Field(max_length=64)
-    """Joints whose velocity stands at a bound in this tick."""
-    solve_time_s: Annotated[float, Ge(0)]
+    """Joints whose velocity stood at a bound in any of the ticks."""
     solver_failures: Annotated[int, Ge(0)]
     """Ticks of this episode in which a level fell back to its feasible default."""

@@ -10,14 +10,13 @@ from common.messages import (
     EpisodeConfigure,
     Message,
     PolicyAction,
-    RetargetStatus,
     RobotCommand,
     RobotState,
 )
 from common.robots import RobotSpec
-from common.se3 import Array, distance, pose_to_wire
 from services.retarget.reference import GripperReference
-from services.retarget.retargeter import Motion, Retargeter
+from services.retarget.report import FrameReport, TickRecord
+from services.retarget.retargeter import Retargeter
 
 log = logging.getLogger(__name__)
 
@@ -46,7 +45,7 @@ class RetargetEpisode:
         self._waiting: RobotState | None = None
         self._answered = -1
         self._answer: list[Message] = []
-        self._failures = 0
+        self._report = FrameReport()
         self._complained = False
 
     @property
@@ -111,41 +110,17 @@ class RetargetEpisode:
         started = time.perf_counter()
         motion = self._retargeter.follow(reference)
         solve_time_s = time.perf_counter() - started
-        self._failures += motion.failures
-        return [
-            self._build_status(state, reference.T_world_start, T_world_tool, motion, solve_time_s),
-            # The runner stamps source, sequence number and time.
-            RobotCommand(
-                header=state.header,
-                for_step=state.header.step,
-                request_t_mono_ns=state.header.t_mono_ns,
-                positions=motion.positions,
-                velocities=motion.velocities,
-            ),
-        ]
-
-    def _build_status(
-        self,
-        state: RobotState,
-        T_world_reference: Array,
-        T_world_tool: Array,
-        motion: Motion,
-        solve_time_s: float,
-    ) -> RetargetStatus:
-        error_m, error_rad = distance(T_world_reference, T_world_tool)
-        return RetargetStatus(
+        # The runner stamps source, sequence number and time.
+        command = RobotCommand(
             header=state.header,
             for_step=state.header.step,
             request_t_mono_ns=state.header.t_mono_ns,
-            T_world_reference=pose_to_wire(T_world_reference),
-            T_world_tool=pose_to_wire(T_world_tool),
-            hand_error_m=error_m,
-            hand_error_rad=error_rad,
-            scaling=motion.scaling,
-            active_limits=motion.active_limits,
-            solve_time_s=solve_time_s,
-            solver_failures=self._failures,
+            positions=motion.positions,
+            velocities=motion.velocities,
         )
+        tick = TickRecord(reference.T_world_start, T_world_tool, motion, solve_time_s)
+        status = self._report.add(tick, state.header)
+        return [command] if status is None else [status, command]
 
     def _has_right_shape(self, state: RobotState) -> bool:
         lengths = (

@@ -7,7 +7,7 @@ import time
 from typing import Final
 
 from common.calibration import StereoCalibration
-from common.clock import FRAME_TICKS, TICK_S, LockstepBarrier, RealtimePacer
+from common.clock import FRAME_TICKS, TICK_S, LockstepBarrier, RealtimePacer, closes_frame
 from common.messages import (
     EpisodeConfigure,
     EpisodeEvent,
@@ -184,7 +184,9 @@ class Episode:
                 due_frame_step=due,
             ),
         ]
-        expected = {_COMMAND, _STATUS, _MOTOR}
+        expected = {_COMMAND, _MOTOR}
+        if closes_frame(self._step):
+            expected.add(_STATUS)
         if due >= 0 and due not in self._actions:
             expected.add(_ACTION)
         self._barrier.open(expected)
@@ -260,6 +262,9 @@ class Episode:
             self._moment = None
         if not self._world.is_finite():
             return self._end("failure", "the simulation left the finite numbers")
+        # No task can be done while the gripper is closed: then look at frames only.
+        if self._grasp and self._step % FRAME_TICKS:
+            return self._open_tick()
         judgement = self._world.task.judge(self._world.task_state(grasp=self._grasp))
         if self._monitor.update(judgement):
             return self._end("success", "all conditions held for 0.5 s")

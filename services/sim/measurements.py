@@ -25,10 +25,10 @@ class Measurements:
     missed_frames: int = 0
 
     def add_status(self, status: RetargetStatus) -> None:
-        """Take one tick's report of the retargeter."""
-        self.hand_error_m.append(status.hand_error_m)
-        self.hand_error_rad.append(status.hand_error_rad)
-        self.solve_time_s.append(status.solve_time_s)
+        """Take the retargeter's report of the last ticks."""
+        self.hand_error_m += status.hand_error_m
+        self.hand_error_rad += status.hand_error_rad
+        self.solve_time_s += status.solve_time_s
 
     def add_action(self, action: PolicyAction) -> None:
         """Take one report of the policy."""

@@ -20,6 +20,8 @@ from services.sim.servo import HandServos, JointServos, Servos
 
 PHYSICS_DT_S = 0.002
 SETTLE_S = 1.0
+SLEEP_TOLERANCE = 1e-3
+"""Objects slower than this (MuJoCo's scaled velocity, m/s) may fall asleep."""
 TOOL_SITE = "gripper_tool"
 """The tool frame in the compiled world, whatever robot carries it."""
 
@@ -69,10 +71,8 @@ class World:
             self.fingers.apply(self.data)
             mujoco.mj_step(self.model, self.data)
         self.servos.finish_tick()
-        # Poses, contacts and sensors of the state just reached, not of the one before it.
+        # Poses of the state just reached, not of the one before it.
         mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_comPos(self.model, self.data)
-        mujoco.mj_camlight(self.model, self.data)
 
     @property
     def T_world_tool(self) -> Array:
@@ -170,6 +170,9 @@ def _build_spec(task: Task, robot: RobotSpec) -> Any:
     option.impratio = 10.0
     # MuJoCo 4.0.0 has a wrong Hessian with a sparse Jacobian, which `auto` picks for large worlds.
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    # What lies still costs nothing until something touches it: halves the cost of a step.
+    option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    option.sleep_tolerance = SLEEP_TOLERANCE
     if robot.hand is not None:
         HandServos.add_actuators(spec, robot.hand)
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import pytest
@@ -35,7 +36,7 @@ def request(**changes: object) -> EvaluationRequest:
 
 
 def traces_in_process(**changes: object) -> dict[str, list[str | None]]:
-    record = run_in_process(request(**changes), progress=Silent())
+    record = run_in_process(request(**changes), progress=Silent(), stop=threading.Event())
     return {cell.robot: cell.trace_sha256 for cell in record.evaluation.cells}
 
 

@@ -52,3 +52,13 @@ def test_unknown_and_missing_fields_are_refused(message: Message, data: st.DataO
         del fields[dropped]
     with pytest.raises(MalformedMessage):
         decode(topic_of(type(message)), encoding_of(type(message)), msgpack.packb(fields))
+
+
+@given(message=any_message)
+def test_stamping_changes_the_stamp_and_nothing_else(message: Message):
+    before = message.model_copy(deep=True)
+    stamped = message.stamped(source="me", seq=7, t_mono_ns=8)
+    header = message.header.model_copy(update={"source": "me", "seq": 7, "t_mono_ns": 8})
+    assert stamped == message.model_copy(update={"header": header})
+    assert message == before
+    assert encode(stamped) != encode(message) or message.header == header
