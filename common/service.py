@@ -16,7 +16,7 @@ from types import FrameType
 from typing import ClassVar, TypeAlias
 
 from common import __version__
-from common.bus import Bus, BusSettings, Inbox, Received, decode, open_session
+from common.bus import Bus, BusSettings, Inbox, Received, Subscription, decode, open_session
 from common.bus.bus import DescribeRequest
 from common.errors import AlreadyRunning, ContractError, RouterUnreachable
 from common.messages import (
@@ -30,7 +30,7 @@ from common.messages import (
     NodeMetrics,
     Tick,
 )
-from common.topics import owner_of, topics_of
+from common.topics import Topic, owner_of, topics_of
 
 log = logging.getLogger(__name__)
 
@@ -94,6 +94,7 @@ class Host:
         self._sequence: defaultdict[tuple[str, str], int] = defaultdict(int)
         self._last_seen: dict[tuple[str, str, str], int] = {}
         self._complained: set[tuple[str, str]] = set()
+        self._followed: dict[str, tuple[Subscription, ...]] = {}
         self._next_tick_ns = 0
         self._next_beat_ns = 0
         self._counts = {"handled": 0, "published": 0, "rejected": 0, "stale": 0, "gaps": 0}
@@ -103,8 +104,9 @@ class Host:
     def start(self) -> None:
         """Subscribe, then declare the liveliness token: from here on the node is ready."""
         for topic in topics_of(self.reactor.inputs):
-            owner = self.reactor.owned_cell if topic.scope == "cell" else None
-            self._bus.subscribe(topic, self.inbox, owner=owner or "*")
+            if not self._is_followed(topic):
+                owner = self.reactor.owned_cell if topic.scope == "cell" else None
+                self._bus.subscribe(topic, self.inbox, owner=owner or "*")
         self._bus.serve_description(self.node, self.inbox)
         if self.reactor.watches_nodes:
             self._bus.watch_alive(self.inbox)
@@ -170,6 +172,35 @@ class Host:
         """Ask another node what it is; the answer arrives as a `NodeDescription`."""
         self._bus.ask_description(node, self.inbox)
 
+    def _is_followed(self, topic: Topic) -> bool:
+        """Whether a topic is subscribed per cell, from the episodes that concern the reactor.
+
+        A process that heard the data of every cell would be woken a hundred times a second for
+        each of them, only to drop it.
+        """
+        return (
+            topic.scope == "cell"
+            and not topic.name.startswith("episode/")
+            and EpisodeConfigure in self.reactor.inputs
+            and self.reactor.owned_cell is None
+        )
+
+    def _follow(self, cell: str) -> None:
+        """Subscribe to a cell's data while the reactor serves it.
+
+        Done before the answer to the configuration leaves, so that the start finds the
+        subscriptions in place.
+        """
+        followed = self._followed.pop(cell, ())
+        if self.reactor.serves(cell):
+            topics = [t for t in topics_of(self.reactor.inputs) if self._is_followed(t)]
+            self._followed[cell] = followed or tuple(
+                self._bus.subscribe(topic, self.inbox, owner=cell) for topic in topics
+            )
+        else:
+            for subscription in followed:
+                self._bus.unsubscribe(subscription)
+
     def _accept(self, item: Received) -> Message | None:
         """Decode one message, or count why it is not for the reactor."""
         topic = item.topic
@@ -219,6 +250,9 @@ class Host:
         # A list, so that publishing is not counted as the reactor's time.
         outputs = list(self.reactor.handle(messages))
         self._handle_ns += time.perf_counter_ns() - started
+        for message in messages:
+            if isinstance(message, EpisodeConfigure):
+                self._follow(message.header.cell)
         for message in outputs:
             if isinstance(message, Message):
                 self._publish(message)

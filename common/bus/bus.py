@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
@@ -33,6 +34,13 @@ class DescribeRequest:
         """Reply and release the query; one kept alive would block the asker until its time-out."""
         with self._query as query:
             query.reply(query.key_expr, encode(description), encoding=encoding_of(NodeDescription))
+
+
+@dataclass(frozen=True)
+class Subscription:
+    """A subscription that can be ended before the bus is closed."""
+
+    declared: Any
 
 
 class Bus:
@@ -91,7 +99,7 @@ class Bus:
             express=topic.priority != "background",
         )
 
-    def subscribe(self, topic: Topic, inbox: Inbox, *, owner: str = "*") -> None:
+    def subscribe(self, topic: Topic, inbox: Inbox, *, owner: str = "*") -> Subscription:
         """Let every message of a topic, of one cell or of all, fall into an inbox."""
         inbox.open_topic(topic)
 
@@ -106,9 +114,14 @@ class Bus:
                     )
                 )
 
-        self._declared.append(
-            self._session.declare_subscriber(key_of(topic, owner), _direct(store))
-        )
+        declared = self._session.declare_subscriber(key_of(topic, owner), _direct(store))
+        self._declared.append(declared)
+        return Subscription(declared)
+
+    def unsubscribe(self, subscription: Subscription) -> None:
+        """End a subscription; what already waits in the inbox stays there."""
+        self._declared.remove(subscription.declared)
+        subscription.declared.undeclare()
 
     def serve_description(self, node: str, inbox: Inbox) -> None:
         """Let requests for this node's description fall into an inbox."""
