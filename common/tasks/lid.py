@@ -212,7 +212,7 @@ class LidScript:
         return [
             Waypoint("hover", T_hover, grasp=False, wait_s=self._pause_s),
             Waypoint("descend", T_grasp, grasp=False, speed_m_s=0.12, wait_s=0.2),
-            Waypoint("close", None, grasp=True, wait_s=1.0),
+            Waypoint("close", None, grasp=True, wait_s=0.8),
         ]
 
     def _carry(self, view: DemonstratorView) -> list[Waypoint]:
@@ -233,21 +233,21 @@ class LidScript:
             return self._recover(view)
         self._stage = self._lower
         T_above = self._tool_for_lid(view, above_m=0.06)
-        return [Waypoint("carry", T_above, grasp=True, wait_s=0.5)]
+        return [Waypoint("carry", T_above, grasp=True, wait_s=0.3)]
 
     def _lower(self, view: DemonstratorView) -> list[Waypoint]:
         if not self._holds_lid(view):
             return self._recover(view)
         self._stage = self._release
         return [
-            Waypoint("correct", self._tool_for_lid(view, above_m=0.03), grasp=True, wait_s=0.5),
+            Waypoint("correct", self._tool_for_lid(view, above_m=0.03), grasp=True, wait_s=0.4),
         ]
 
     def _release(self, view: DemonstratorView) -> list[Waypoint]:
         self._stage = self._retreat
         T_seat = self._tool_for_lid(view, above_m=0.001)
         return [
-            Waypoint("lower", T_seat, grasp=True, speed_m_s=0.1, wait_s=0.4),
+            Waypoint("lower", T_seat, grasp=True, speed_m_s=0.1, wait_s=0.3),
             Waypoint("open", None, grasp=False, wait_s=0.6),
         ]
 

@@ -12,7 +12,7 @@ from common.messages import EpisodePicture, Header, StereoFrame
 from services.sim.camera import SceneRenderer
 from services.sim.world import World
 
-_WIDTH, _HEIGHT = 480, 360
+_WIDTH, _HEIGHT = 400, 300
 _MOST_MOMENTS = 6
 
 
