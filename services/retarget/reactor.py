@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 
 
 class RetargetReactor(Reactor):
-    """Answers every `RobotState` of its cells with a `RobotCommand`, every tenth also with a status.
+    """Answers every `RobotState` of its cells with a `RobotCommand`, and every tenth with a status.
 
     An episode starts with its first state: `EpisodeStart` comes from another node than the states
     and may arrive after them.

@@ -67,10 +67,10 @@ def test_unknown_robot_at_start_is_refused():
 def test_a_state_is_answered_by_status_and_command(reactor, robot):
     reactor.handle([configure(robot)])
     spec = load_robot(robot)
-    for step in range(9):
-        (command,) = reactor.handle([state(step, robot)])
+    for tick in range(9):
+        (command,) = reactor.handle([state(tick, robot)])
         assert isinstance(command, RobotCommand)
-        assert command.for_step == step
+        assert command.for_step == tick
     status, command = reactor.handle([state(9, robot)])
     assert isinstance(status, RetargetStatus)
     assert isinstance(command, RobotCommand)
@@ -203,8 +203,8 @@ def test_episodes_start_at_the_measured_state(reactor):
 def test_hand_error_is_measured_against_the_measured_pose(reactor):
     reactor.handle([configure("abstract")])
     away = [0.1, -0.3, 0.83, 1.0, 0.0, 0.0, 0.0]
-    for step in range(9):
-        reactor.handle([state(step, "abstract")])
+    for tick in range(9):
+        reactor.handle([state(tick, "abstract")])
     status, _ = reactor.handle([state(9, "abstract", positions=away)])
     assert status.hand_error_m == pytest.approx([0.0] * 9 + [0.03])
     assert status.T_world_tool == pytest.approx(away)
