@@ -8,6 +8,7 @@ from typing import Final
 
 from common.calibration import StereoCalibration
 from common.clock import FRAME_TICKS, TICK_S, LockstepBarrier, RealtimePacer, closes_frame
+from common.errors import WrongShape
 from common.messages import (
     EpisodeConfigure,
     EpisodeEvent,
@@ -232,8 +233,7 @@ class Episode:
             )
         if self._command is None or self._motor is None:
             raise AssertionError("the barrier is complete without its commands")
-        self._apply(self._command, self._motor)
-        return self._advance()
+        return self._apply(self._command, self._motor) or self._advance()
 
     def _close_realtime_tick(self, now_ns: int) -> list[Message]:
         command, motor = self._command, self._motor
@@ -241,17 +241,21 @@ class Episode:
             now_ns - command.request_t_mono_ns <= COMMAND_AGE_LIMIT_S * 1e9
         )
         if command is not None and motor is not None and fresh:
-            self._apply(command, motor)
-        else:
-            self._world.servos.hold()
-            self._measured.held_ticks += 1
+            return self._apply(command, motor) or self._advance()
+        self._world.servos.hold()
+        self._measured.held_ticks += 1
         return self._advance()
 
-    def _apply(self, command: RobotCommand, motor: MotorCommand) -> None:
-        self._world.servos.command(command.positions, command.velocities)
+    def _apply(self, command: RobotCommand, motor: MotorCommand) -> list[Message]:
+        """Hand the commands to servos and fingers; a command that does not fit ends the episode."""
+        try:
+            self._world.servos.command(command.positions, command.velocities)
+        except WrongShape as error:
+            return self._end("aborted", f"{self.configure.nodes['retarget']}: {error}")
         self._world.fingers.command(motor.positions_rad, current_limit_a=motor.current_limit_a)
         self._trace.add_numbers(b"command", [*command.positions, *command.velocities])
         self._trace.add_numbers(b"motor", [*motor.positions_rad, motor.current_limit_a])
+        return []
 
     def _advance(self) -> list[Message]:
         with self._measured.physics():
