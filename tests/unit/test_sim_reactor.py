@@ -242,8 +242,8 @@ def test_in_real_time_the_clock_runs_and_stale_commands_hold():
     reactor.handle([command(1, lifted, t_ns=now), motor(1)])
     positions = []
     for i in range(1, 40):
-        for state in of(m.RobotState, reactor.handle([m.Tick(now + 10 * i * MS)])):
-            positions.append(state.positions[2])
+        states = of(m.RobotState, reactor.handle([m.Tick(now + 10 * i * MS)]))
+        positions += [state.positions[2] for state in states]
     # The command is followed while it is young; when it is old, its set-point is held.
     assert len(positions) == 39
     assert positions[-1] == pytest.approx(0.9, abs=2e-3)
