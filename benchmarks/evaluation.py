@@ -8,6 +8,7 @@ Both ways run the same trials with the same seeds, in turn; medians over trials 
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 import tempfile
 import threading
@@ -18,6 +19,7 @@ from benchmarks.machine import describe_machine
 from client.api import LegatoClient
 from client.deployment import Deployment, find_free_ports
 from client.offline import run_in_process
+from client.progress import LineProgress
 from client.readiness import wait_until_ready
 from client.supervisor import open_deployment
 from common.api import EvaluationRequest
@@ -26,17 +28,9 @@ from common.messages import TrialResult
 STAGES = ("physics", "camera", "retarget", "policy", "bus and rest")
 
 
-class Quiet:
-    """A progress display that shows nothing."""
-
-    def update(self, event: object) -> None:
-        """Ignore."""
-        del event
-
-
 def run_inline(request: EvaluationRequest) -> list[TrialResult]:
     """Run an evaluation in this process."""
-    record = run_in_process(request, progress=Quiet(), stop=threading.Event())
+    record = run_in_process(request, progress=LineProgress(io.StringIO()), stop=threading.Event())
     return [trial.result for trial in record.trials if trial.result is not None]
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from PIL import Image
 
 from client.offline import run_in_process
+from client.progress import LineProgress
 from client.record import EvaluationRecord
 from common.api import EvaluationRequest
 
@@ -18,18 +19,10 @@ MOMENTS = ("start", "grasp", "release")
 EDGE_PX = 6
 
 
-class Quiet:
-    """A progress display that shows nothing."""
-
-    def update(self, event: object) -> None:
-        """Ignore."""
-        del event
-
-
 def main() -> None:
     """One episode per robot: a row of scene views, and what the left eye sees below each."""
     request = EvaluationRequest(tasks=["lid"], robots=list(ROBOTS), policy="expert", trials=1)
-    record = run_in_process(request, progress=Quiet(), stop=threading.Event())
+    record = run_in_process(request, progress=LineProgress(io.StringIO()), stop=threading.Event())
     rows = [draw_row(record, robot) for robot in ROBOTS]
     width, height = rows[0].size
     sheet = Image.new("RGB", (width, len(rows) * (height + EDGE_PX) - EDGE_PX), "white")

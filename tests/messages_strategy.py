@@ -183,7 +183,7 @@ STRATEGIES: dict[type[m.Message], st.SearchStrategy[m.Message]] = {
     m.EpisodeEvent: st.builds(
         m.EpisodeEvent,
         header=header,
-        event=st.sampled_from(["configured", "started", "grasp", "failed"]),
+        event=st.sampled_from(["started", "succeeded", "failed", "aborted"]),
         detail=st.text(),
     ),
     m.EpisodePicture: picture(),

@@ -63,7 +63,7 @@ class EpisodeAbort(Message):
 class EpisodeEvent(Message):
     """Something worth showing happened in an episode."""
 
-    event: Literal["configured", "started", "grasp", "release", "succeeded", "failed", "aborted"]
+    event: Literal["started", "succeeded", "failed", "aborted"]
     detail: str = ""
 
 

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import threading
 from pathlib import Path
 
 import pytest
 
 from client.offline import run_in_process
+from client.progress import LineProgress
 from common.api import EvaluationRequest
 from tests.deployments import running, wait_until_done
 
 pytestmark = pytest.mark.processes
 
 ROBOTS = ["abstract", "panda"]
-
-
-class Silent:
-    """A progress display that shows nothing."""
-
-    def update(self, event: object) -> None:
-        del event
 
 
 def request(**changes: object) -> EvaluationRequest:
@@ -36,7 +31,9 @@ def request(**changes: object) -> EvaluationRequest:
 
 
 def traces_in_process(**changes: object) -> dict[str, list[str | None]]:
-    record = run_in_process(request(**changes), progress=Silent(), stop=threading.Event())
+    record = run_in_process(
+        request(**changes), progress=LineProgress(io.StringIO()), stop=threading.Event()
+    )
     return {cell.robot: cell.trace_sha256 for cell in record.evaluation.cells}
 
 
