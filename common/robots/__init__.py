@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 from common.robots.loader import list_robots, load_robot
-from common.robots.spec import HandServo, JointSpec, RetargetSpec, RobotSpec
+from common.robots.spec import (
+    CollisionSpec,
+    HandServo,
+    HeadSpec,
+    JointSpec,
+    LegSpec,
+    RetargetSpec,
+    RobotSpec,
+    WallSpec,
+)
 
 __all__ = [
+    "CollisionSpec",
     "HandServo",
+    "HeadSpec",
     "JointSpec",
+    "LegSpec",
     "RetargetSpec",
     "RobotSpec",
+    "WallSpec",
     "list_robots",
     "load_robot",
 ]

@@ -18,8 +18,9 @@ def compile_robot(spec: RobotSpec) -> mujoco.MjModel:
     """Compile model.xml, the robot alone, and check that it and robot.toml agree.
 
     Checked: angles in radians; no actuators; the joints of both files are the same in the same
-    order; start and bias within the joint ranges; the tool site exists and stands at
-    `T_world_start` when the joints are at their start.
+    order, joints of legs set aside; start and bias within the joint ranges; every site and geom
+    that robot.toml names exists; the tool stands at `T_world_start` when the joints are at their
+    start.
 
     Raises:
         BadRobotFile: Something does not hold; names the joint or element.
@@ -29,10 +30,19 @@ def compile_robot(spec: RobotSpec) -> mujoco.MjModel:
         raise BadRobotFile(spec.name, "actuator", "servos come from robot.toml, not from the MJCF")
     if spec.kind == "joints":
         _check_joints(spec, mj)
-    if mj.nq != spec.nq:
-        raise BadRobotFile(spec.name, "model.xml", f"has {mj.nq} positions, expected {spec.nq}")
+    expected = spec.nq + len(spec.leg_joints)
+    if mj.nq != expected:
+        raise BadRobotFile(spec.name, "model.xml", f"has {mj.nq} positions, expected {expected}")
+    _check_names(spec, mj)
     _check_start(spec, mj)
     return mj
+
+
+def find_positions(spec: RobotSpec, mj: mujoco.MjModel) -> list[int]:
+    """Where each entry of `RobotState.positions` is in the qpos of the compiled robot."""
+    if spec.kind == "free_hand":
+        return list(range(spec.nq))
+    return [int(mj.joint(joint.name).qposadr[0]) for joint in spec.joints]
 
 
 def compute_tool_pose(spec: RobotSpec, mj: mujoco.MjModel, positions: list[float]) -> Array:
@@ -44,7 +54,7 @@ def compute_tool_pose(spec: RobotSpec, mj: mujoco.MjModel, positions: list[float
         positions: As in `RobotState.positions`.
     """
     data = mujoco.MjData(mj)
-    data.qpos[:] = positions
+    data.qpos[find_positions(spec, mj)] = positions
     mujoco.mj_kinematics(mj, data)
     site = data.site(spec.tool_site)
     return make_pose(site.xmat.reshape(3, 3), site.xpos)
@@ -64,7 +74,11 @@ def _compile(spec: RobotSpec) -> mujoco.MjModel:
 
 
 def _check_joints(spec: RobotSpec, mj: mujoco.MjModel) -> None:
-    in_model = [str(mj.joint(j).name) for j in range(mj.njnt)]
+    names = [str(mj.joint(j).name) for j in range(mj.njnt)]
+    for leg_joint in spec.leg_joints:
+        if leg_joint not in names:
+            raise BadRobotFile(spec.name, f"joint {leg_joint}", "is missing in model.xml")
+    in_model = [name for name in names if name not in spec.leg_joints]
     in_file = [joint.name for joint in spec.joints]
     for index, name in enumerate(in_file):
         if index >= len(in_model):
@@ -75,11 +89,12 @@ def _check_joints(spec: RobotSpec, mj: mujoco.MjModel) -> None:
     if len(in_model) > len(in_file):
         extra = in_model[len(in_file)]
         raise BadRobotFile(spec.name, f"joint {extra}", "is missing in robot.toml")
-    for index, joint in enumerate(spec.joints):
-        _check_joint(spec.name, mj, index, joint)
+    for joint in spec.joints:
+        _check_joint(spec.name, mj, joint)
 
 
-def _check_joint(robot: str, mj: mujoco.MjModel, index: int, joint: JointSpec) -> None:
+def _check_joint(robot: str, mj: mujoco.MjModel, joint: JointSpec) -> None:
+    index = int(mj.joint(joint.name).id)
     if int(mj.jnt_type[index]) not in _SCALAR_JOINTS:
         raise BadRobotFile(robot, f"joint {joint.name}", "is neither hinge nor slide")
     if not mj.jnt_limited[index]:
@@ -91,9 +106,20 @@ def _check_joint(robot: str, mj: mujoco.MjModel, index: int, joint: JointSpec) -
             raise BadRobotFile(robot, f"joint {joint.name}", problem)
 
 
+def _check_names(spec: RobotSpec, mj: mujoco.MjModel) -> None:
+    sites = [spec.tool_site, *(leg.foot_site for leg in spec.legs)]
+    sites += [wall.site for wall in spec.walls]
+    sites += [spec.head.site] if spec.head else []
+    geoms = [name for pair in spec.collision.pairs for name in pair]
+    geoms += spec.collision.obstacle_geoms
+    wanted = [("site", mujoco.mjtObj.mjOBJ_SITE, name) for name in sites]
+    wanted += [("geom", mujoco.mjtObj.mjOBJ_GEOM, name) for name in geoms]
+    for kind, mj_kind, name in wanted:
+        if mujoco.mj_name2id(mj, mj_kind, name) < 0:
+            raise BadRobotFile(spec.name, f"{kind} {name}", "is missing in model.xml")
+
+
 def _check_start(spec: RobotSpec, mj: mujoco.MjModel) -> None:
-    if mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_SITE, spec.tool_site) < 0:
-        raise BadRobotFile(spec.name, f"site {spec.tool_site}", "is missing in model.xml")
     T_world_tool = compute_tool_pose(spec, mj, spec.start_positions)
     error_m, error_rad = distance(pose_from_wire(spec.T_world_start), T_world_tool)
     if error_m > START_TOLERANCE_M or error_rad > START_TOLERANCE_RAD:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -39,6 +40,63 @@ class JointSpec(BaseModel):
     """Diagonal of H: how unwilling the joint is to move for the hand."""
     level2_weight: Positive = 1.0
     """Diagonal of W: how much the posture cares about the joint."""
+    lead_limit: Positive = 0.2
+    """How far the commanded position may run ahead of the measured one [rad, m]."""
+
+
+class LegSpec(BaseModel):
+    """A leg that follows the body: its foot stays on its foothold. Not the retargeter's to move."""
+
+    model_config = _CONFIG
+
+    name: Name
+    joints: tuple[Name, Name, Name]
+    """Hip roll (about x), hip pitch (about y) and knee (about y) in model.xml."""
+    foot_site: Name
+    """Site of model.xml at the foot's centre."""
+    foothold: tuple[float, float, float]
+    """Where the foot's centre stands in the world [m]."""
+
+
+class HeadSpec(BaseModel):
+    """A head that keeps its orientation in the world while the body moves."""
+
+    model_config = _CONFIG
+
+    site: Name
+    gain_per_s: Positive = 20.0
+    """Orientation error to angular velocity."""
+    turn_cap_rad_s: Positive = 1.0
+
+
+class WallSpec(BaseModel):
+    """A plane that a site may not cross: normal . (p - point) <= 0, the normal into the wall."""
+
+    model_config = _CONFIG
+
+    name: Name
+    site: Name = "tool"
+    point: tuple[float, float, float]
+    normal: tuple[float, float, float]
+
+    @model_validator(mode="after")
+    def _normal_is_a_unit_vector(self) -> Self:
+        if abs(math.hypot(*self.normal) - 1.0) > 1e-6:
+            raise ValueError(f"normal has length {math.hypot(*self.normal):g}, expected 1")
+        return self
+
+
+class CollisionSpec(BaseModel):
+    """Which geoms of model.xml are kept apart."""
+
+    model_config = _CONFIG
+
+    margin_m: Positive = 0.01
+    """Distance that is kept [m]."""
+    pairs: tuple[tuple[Name, Name], ...] = ()
+    """Pairs of the robot's own geoms."""
+    obstacle_geoms: tuple[Name, ...] = ()
+    """Geoms that are kept off the fixed obstacles of the task (its table)."""
 
 
 class HandServo(BaseModel):
@@ -69,6 +127,12 @@ class RetargetSpec(BaseModel):
     hand_acceleration_rad_s2: Positive = 8.0
     posture_gain_per_s: Positive = 10.0
     """Kb: posture error to joint velocity."""
+    wall_gain_per_s: Positive = 5.0
+    """xi: distance to a wall or obstacle to the speed of approach."""
+    mode: Literal["project", "scale"] = "project"
+    """Level 1: as near as possible to the wanted twist, or the largest share of it."""
+    solver: str = "piqp"
+    """`piqp`, or any other that qpsolvers knows, for comparison."""
 
 
 class RobotSpec(BaseModel):
@@ -84,6 +148,12 @@ class RobotSpec(BaseModel):
     joints: tuple[JointSpec, ...] = ()
     hand: HandServo | None = None
     retarget: RetargetSpec = RetargetSpec()
+    legs: tuple[LegSpec, ...] = ()
+    head: HeadSpec | None = None
+    walls: tuple[WallSpec, ...] = ()
+    collision: CollisionSpec = CollisionSpec()
+    command_latency_s: Annotated[float, Ge(0)] = 0.0
+    """From a command to its effect on the robot [s]."""
     T_world_start: Annotated[tuple[float, ...], Len(7, 7)] = (0.1, -0.3, 0.8, 1.0, 0.0, 0.0, 0.0)
     """Tool pose at the start of an episode, the same for every robot: x y z qw qx qy qz."""
     folder: Path
@@ -103,13 +173,18 @@ class RobotSpec(BaseModel):
 
     @property
     def nq(self) -> int:
-        """Length of `RobotState.positions`."""
+        """Length of `RobotState.positions`. Joints of legs are not counted."""
         return 7 if self.kind == "free_hand" else len(self.joints)
 
     @property
     def nv(self) -> int:
         """Length of `RobotState.velocities`."""
         return 6 if self.kind == "free_hand" else len(self.joints)
+
+    @property
+    def leg_joints(self) -> list[str]:
+        """Names of the joints that follow the body."""
+        return [joint for leg in self.legs for joint in leg.joints]
 
     @property
     def start_positions(self) -> list[float]:
