@@ -3,7 +3,7 @@ PY ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: run test check format bench clean help
+.PHONY: run test check format bench bench-retarget clean help
 .DEFAULT_GOAL := help
 
 help:   ## list the targets
@@ -33,6 +33,11 @@ format: $(STAMP) ## rewrite the code in the house format
 
 bench: $(STAMP) ## speed of an evaluation, in one process and over processes
 	$(BIN)/python -m benchmarks.evaluation
+
+bench-retarget: $(STAMP) ## speed and accuracy of the retargeter beside Pink and mink
+	@# mink asks for the package mujoco, which would overwrite the files of mujoco-core.
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps mink==1.3.0
+	$(BIN)/python -m benchmarks.retarget
 
 clean:  ## remove the environment and results
 	rm -rf .venv runs

@@ -119,6 +119,24 @@ class Report(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
+class RobotList(Command):
+    """List every robot: joints, mass without gripper, reach at table height."""
+
+    json: bool = False
+    """Print one JSON object."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotCheck(Command):
+    """Check a robot's model, reach and joint margins; exit code 1 if something is wrong."""
+
+    robot: Positional[str]
+    """Name of a robot, or a folder with model.xml and robot.toml."""
+    json: bool = False
+    """Print one JSON object."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Bus(Command):
     """What every command on the bus takes."""
 

@@ -32,6 +32,8 @@ VERBS: dict[tuple[str, ...], tuple[type[commands.Command], str]] = {
     ("status",): (commands.Status, "deploy:status"),
     ("eval",): (commands.Eval, "evaluate:run"),
     ("report",): (commands.Report, "evaluate:write"),
+    ("robot", "list"): (commands.RobotList, "robot:show_all"),
+    ("robot", "check"): (commands.RobotCheck, "robot:check"),
     ("topic", "list"): (commands.TopicList, "topic:list_topics"),
     ("topic", "echo"): (commands.TopicEcho, "topic:echo"),
     ("topic", "hz"): (commands.TopicHz, "topic:measure"),

@@ -1,6 +1,6 @@
 """An evaluation inside this process: the same services and scheduler, one thread, no network.
 
-The one module of the client that runs services; they are imported when it is used.
+The services are imported when they are used.
 """
 
 from __future__ import annotations

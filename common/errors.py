@@ -3,7 +3,7 @@
 LegatoError
 ├─ ConfigError      UnknownName, InvalidValue, MissingExtra
 ├─ ContractError    SchemaMismatch, MalformedMessage, WrongShape
-├─ ModelError       BadRobotFile, ModelMismatch, BadCalibration
+├─ ModelError       BadRobotFile, ModelMismatch, BadCalibration, FootholdOutOfReach
 ├─ LinkError        RouterUnreachable, NotReady, NodeTimeout, AlreadyRunning, PortInUse
 └─ StoreError       NotFound, NotWritable
 
@@ -167,7 +167,7 @@ class BadRobotFile(ModelError):
         super().__init__(
             f"robot {robot}: {element}: {problem}",
             expected="expected model.xml and robot.toml to agree",
-            action=f"correct common/robots/{robot}",
+            action=f"correct the files in the folder {robot}",
         )
 
 
@@ -184,7 +184,7 @@ class ModelMismatch(ModelError):
         super().__init__(
             f"robot {robot}: {what} differs by {difference:.3g} between MuJoCo and Pinocchio",
             expected=f"expected at most {tolerance:.1g}",
-            action=f"check the joints of common/robots/{robot}/model.xml",
+            action=f"check the joints in model.xml of {robot}",
         )
 
 
@@ -200,6 +200,23 @@ class BadCalibration(ModelError):
             f"camera {name}: {problem}",
             expected="expected a calibration as described in docs/conventions.md",
             action=f"correct common/calibration/{name}.toml",
+        )
+
+
+class FootholdOutOfReach(ModelError):
+    """A body pose in which a leg cannot keep its foot where it stands."""
+
+    code = "E-FOOTHOLD"
+
+    def __init__(self, leg: str, p_hip_foot_m: Sequence[float], problem: str) -> None:
+        self.leg = leg
+        self.p_hip_foot_m = tuple(p_hip_foot_m)
+        self.problem = problem
+        x, y, z = self.p_hip_foot_m
+        super().__init__(
+            f"leg {leg} cannot reach its foothold at ({x:.3f}, {y:.3f}, {z:.3f}) m from the hip",
+            expected=problem,
+            action="narrow the body's joint ranges in model.xml",
         )
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
+
+from typing import Literal
 
 import numpy as np
 
@@ -15,18 +18,36 @@ from common.messages import (
     PolicyAction,
     RobotState,
 )
-from common.robots import load_robot
+from common.robots import list_robots, load_robot
 from common.se3 import Array, exp3, make_pose
 from services.retarget.reference import GripperReference, TickReference
-from services.retarget.whole_body import RobotModel, WholeBodyRetargeter
+from services.retarget.robot_model import RobotModel
+from services.retarget.whole_body import WholeBodyRetargeter
 
 CELL = "cell-1"
 NODE = "retarget-test"
 
 
+BODIES = [name for name in list_robots() if load_robot(name).kind == "joints"]
+"""Robots with joints."""
+
+
+@functools.cache
+def robot_model(name: str, mode: Literal["project", "scale"] = "project") -> RobotModel:
+    """A robot's kinematics, built once."""
+    spec = load_robot(name)
+    gains = spec.retarget.model_copy(update={"mode": mode})
+    return RobotModel(spec.model_copy(update={"retarget": gains}))
+
+
+def make_retargeter(name: str) -> WholeBodyRetargeter:
+    """A robot at its start posture."""
+    return WholeBodyRetargeter(robot_model(name))
+
+
 def make_panda() -> WholeBodyRetargeter:
     """A Panda at its start posture."""
-    return WholeBodyRetargeter(RobotModel(load_robot("panda")))
+    return make_retargeter("panda")
 
 
 def step(translation_m: Sequence[float] = (0, 0, 0), rotation_rad: Sequence[float] = (0, 0, 0)):

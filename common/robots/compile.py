@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from xml.etree import ElementTree
+
 import mujoco
 
 from common.errors import BadRobotFile
@@ -17,10 +20,10 @@ _SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SL
 def compile_robot(spec: RobotSpec) -> mujoco.MjModel:
     """Compile model.xml, the robot alone, and check that it and robot.toml agree.
 
-    Checked: angles in radians; no actuators; the joints of both files are the same in the same
-    order, joints of legs set aside; start and bias within the joint ranges; every site and geom
-    that robot.toml names exists; the tool stands at `T_world_start` when the joints are at their
-    start.
+    Checked: every number finite; angles in radians; no actuators; the joints of both files are the
+    same in the same order, joints of legs set aside; no range empty; start and bias within the
+    joint ranges; every site and geom that robot.toml names exists; the tool stands at
+    `T_world_start` when the joints are at their start.
 
     Raises:
         BadRobotFile: Something does not hold; names the joint or element.
@@ -61,16 +64,42 @@ def compute_tool_pose(spec: RobotSpec, mj: mujoco.MjModel, positions: list[float
 
 
 def _compile(spec: RobotSpec) -> mujoco.MjModel:
+    _check_numbers(spec)
     try:
         mjcf = mujoco.MjSpec.from_file(str(spec.model_path))
         degrees = bool(mjcf.compiler.degree)
         mj = mjcf.compile()
     except ValueError as error:
-        raise BadRobotFile(spec.name, "model.xml", str(error)) from error
+        # MuJoCo spreads its message over lines; the second one names the element.
+        problem = ", ".join(str(error).removeprefix("Error: ").splitlines())
+        raise BadRobotFile(spec.name, "model.xml", problem) from error
     # MJCF's default is degrees, and a range in the wrong unit stays unnoticed for long.
     if degrees:
         raise BadRobotFile(spec.name, "compiler", 'angle="radian" is required')
     return mj
+
+
+def _check_numbers(spec: RobotSpec) -> None:
+    """Refuse NaN and infinity, which MuJoCo compiles after a warning of its own."""
+    try:
+        root = ElementTree.parse(spec.model_path).getroot()
+    except ElementTree.ParseError:
+        # MuJoCo says better what is wrong.
+        return
+    for element, owner in _walk(root, "model.xml"):
+        for attribute, text in element.attrib.items():
+            if any(word.lower().lstrip("+-") in ("nan", "inf") for word in text.split()):
+                raise BadRobotFile(spec.name, owner, f"{element.tag} {attribute} is {text!r}")
+
+
+def _walk(element: ElementTree.Element, owner: str) -> Iterator[tuple[ElementTree.Element, str]]:
+    """An element and all below it, each with the nearest named one that it is, or is in."""
+    name = element.get("name") or element.get("class")
+    if name:
+        owner = f"{element.tag} {name}"
+    yield element, owner
+    for child in element:
+        yield from _walk(child, owner)
 
 
 def _check_joints(spec: RobotSpec, mj: mujoco.MjModel) -> None:
@@ -97,9 +126,13 @@ def _check_joint(robot: str, mj: mujoco.MjModel, joint: JointSpec) -> None:
     index = int(mj.joint(joint.name).id)
     if int(mj.jnt_type[index]) not in _SCALAR_JOINTS:
         raise BadRobotFile(robot, f"joint {joint.name}", "is neither hinge nor slide")
-    if not mj.jnt_limited[index]:
-        return
     lower, upper = (float(value) for value in mj.jnt_range[index])
+    if not mj.jnt_limited[index]:
+        # MuJoCo takes an empty range for none.
+        if lower or upper:
+            problem = f"the range {lower:g} to {upper:g} is empty"
+            raise BadRobotFile(robot, f"joint {joint.name}", problem)
+        return
     for what, value in (("start", joint.start), ("bias", joint.bias)):
         if not lower <= value <= upper:
             problem = f"{what} {value:g} is outside the range {lower:g} to {upper:g}"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -36,11 +38,21 @@ def load_robot(name: str, *, folder: Path = ROBOTS_FOLDER) -> RobotSpec:
         raise BadRobotFile(name, "model.xml", "the file is missing")
     try:
         fields = tomllib.loads(path.read_text())
-    except tomllib.TOMLDecodeError as error:
+    except (OSError, ValueError) as error:
         raise BadRobotFile(name, "robot.toml", str(error)) from error
     try:
         return RobotSpec.model_validate({"name": name, "folder": path.parent, **fields})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         element = ".".join(str(part) for part in first["loc"]) or "robot.toml"
-        raise BadRobotFile(name, element, first["msg"]) from error
+        raise BadRobotFile(name, element, first["msg"] + _whose(first["loc"], fields)) from error
+
+
+def _whose(place: tuple[int | str, ...], fields: Mapping[str, Any]) -> str:
+    """The name of the joint, leg or wall that an entry belongs to, to be added to a message."""
+    match place:
+        case (str(table), int(index), *_):
+            entry = fields[table][index]
+            return f" (of {entry['name']})" if isinstance(entry, dict) and "name" in entry else ""
+        case _:
+            return ""

@@ -129,6 +129,11 @@ class RetargetSpec(BaseModel):
     """Kb: posture error to joint velocity."""
     wall_gain_per_s: Positive = 5.0
     """xi: distance to a wall or obstacle to the speed of approach."""
+    wall_acceleration_m_s2: Positive = 2.0
+    """A_c: how hard an approach is braked."""
+    setpoint_lead_m: Positive = 0.15
+    """How far the set-point may run ahead of the hand."""
+    setpoint_lead_rad: Positive = 0.6
     mode: Literal["project", "scale"] = "project"
     """Level 1: as near as possible to the wanted twist, or the largest share of it."""
     solver: str = "piqp"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from common.errors import UnknownName
 from common.tasks.lid import LidTask
-from common.tasks.task import Task
+from common.tasks.task import Obstacle, Task
 
 TASKS: dict[str, Task] = {task.name: task for task in (LidTask(),)}
 
@@ -26,4 +26,4 @@ def load_task(name: str) -> Task:
         raise UnknownName("task", name, list_tasks()) from None
 
 
-__all__ = ["TASKS", "Task", "list_tasks", "load_task"]
+__all__ = ["TASKS", "Obstacle", "Task", "list_tasks", "load_task"]

@@ -17,6 +17,7 @@ from common.se3 import Array, exp3, invert, make_pose
 from common.tasks.task import (
     DemonstratorView,
     Judgement,
+    Obstacle,
     SceneCamera,
     SpawnedObject,
     TaskState,
@@ -31,6 +32,10 @@ BAR_HEIGHT_M = 0.070
 BAR_WIDTH_M = 0.026
 
 _SPAWN_GAP_M = 0.0005
+_TABLE_HALF_SIZE_M = (0.5, 1.0, 0.025)
+_TABLE_CENTRE_M = (1.0, 0.0, TABLE_TOP_M - 0.025)
+_TABLE_SIZE = " ".join(f"{value:g}" for value in _TABLE_HALF_SIZE_M)
+_TABLE_CENTRE = " ".join(f"{value:.9g}" for value in _TABLE_CENTRE_M)
 
 
 def _pot_walls() -> str:
@@ -57,7 +62,7 @@ _SCENE = f"""
   </default>
   <worldbody>
     <geom name="floor" type="plane" size="4 4 0.1" rgba="0.55 0.56 0.58 1"/>
-    <geom name="table" type="box" size="0.5 1.0 0.025" pos="1.0 0 {TABLE_TOP_M - 0.025}"
+    <geom name="table" type="box" size="{_TABLE_SIZE}" pos="{_TABLE_CENTRE}"
           rgba="0.80 0.68 0.52 1"/>
     <geom name="leg_0" type="box" size="0.03 0.03 0.325" pos="0.56 -0.94 0.325"
           rgba="0.45 0.38 0.30 1" contype="0" conaffinity="0" group="2"/>
@@ -99,6 +104,8 @@ _SCENE = f"""
 </mujoco>
 """
 
+_TABLE = Obstacle("table", make_pose(np.eye(3), _TABLE_CENTRE_M), _TABLE_HALF_SIZE_M)
+
 _VIEWPOINT = SceneCamera(
     position_m=(1.40, -1.30, 1.50), target_m=(0.40, -0.06, 0.88), fovy_deg=42.0
 )
@@ -114,6 +121,7 @@ class LidTask:
     moved_object: str = "lid"
     objects: tuple[str, ...] = ("stove", "pot", "lid")
     scene_camera: SceneCamera = _VIEWPOINT
+    obstacles: tuple[Obstacle, ...] = (_TABLE,)
 
     def scene_xml(self) -> str:
         """Floor, table, stove, pot and lid."""

@@ -67,6 +67,15 @@ class SpawnedObject:
 
 
 @dataclass(frozen=True)
+class Obstacle:
+    """A fixed box of the scene that robots keep away from: pose (4, 4) and half sizes."""
+
+    name: str
+    T_world_box: Array
+    half_size_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class SceneCamera:
     """A viewpoint for pictures: where the camera is, what it looks at, how wide it sees."""
 
@@ -144,6 +153,11 @@ class Task(Protocol):
     @property
     def scene_camera(self) -> SceneCamera:
         """Viewpoint for pictures."""
+        ...
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """Fixed boxes that a robot's links must not touch."""
         ...
 
     def scene_xml(self) -> str:

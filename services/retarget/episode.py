@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import deque
 
+from common.clock import TICK_S
 from common.errors import WrongShape
 from common.messages import (
     EpisodeConfigure,
@@ -14,6 +16,7 @@ from common.messages import (
     RobotState,
 )
 from common.robots import RobotSpec
+from common.se3 import Array
 from services.retarget.reference import GripperReference
 from services.retarget.report import FrameReport, TickRecord
 from services.retarget.retargeter import Retargeter
@@ -46,6 +49,8 @@ class RetargetEpisode:
         self._answered = -1
         self._answer: list[Message] = []
         self._report = FrameReport()
+        # References as the robot has got to know them: it is told of one a latency ago.
+        self._expected = deque[Array](maxlen=round(spec.command_latency_s / TICK_S) + 1)
         self._complained = False
 
     @property
@@ -102,13 +107,17 @@ class RetargetEpisode:
     def _answer_state(self, state: RobotState, due: list[PolicyAction]) -> list[Message]:
         T_world_tool = self._retargeter.compute_tool_pose(state.positions)
         if self._reference is None:
-            self._reference = GripperReference(T_world_tool)
+            gains = self._spec.retarget
+            self._reference = GripperReference(
+                T_world_tool, lead_m=gains.setpoint_lead_m, lead_rad=gains.setpoint_lead_rad
+            )
             self._retargeter.start(state.positions)
+        T_world_hand = self._retargeter.T_world_hand
         for action in due:
-            self._reference.take(action.steps)
-        reference = self._reference.advance()
+            self._reference.take(action.steps, T_world_hand)
+        reference = self._reference.advance(T_world_hand)
         started = time.perf_counter()
-        motion = self._retargeter.follow(reference)
+        motion = self._retargeter.follow(reference, state.positions)
         solve_time_s = time.perf_counter() - started
         # The runner stamps source, sequence number and time.
         command = RobotCommand(
@@ -118,7 +127,8 @@ class RetargetEpisode:
             positions=motion.positions,
             velocities=motion.velocities,
         )
-        tick = TickRecord(reference.T_world_start, T_world_tool, motion, solve_time_s)
+        self._expected.append(reference.T_world_start)
+        tick = TickRecord(self._expected[0], T_world_tool, motion, solve_time_s)
         status = self._report.add(tick, state.header)
         return [command] if status is None else [status, command]
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 
+import pinocchio as pin
+
 from common.robots.spec import RetargetSpec
-from common.se3 import Array, log3
+from common.se3 import Array
 from services.retarget.braking import stopping_speed
 
 
@@ -29,7 +31,7 @@ def compute_hand_twist(
         (6,) linear [m/s] and angular [rad/s] velocity.
     """
     e_p = (T_world_wanted[:3, 3] - T_world_hand[:3, 3]).tolist()
-    e_R = log3(T_world_wanted[:3, :3] @ T_world_hand[:3, :3].T).tolist()
+    e_R = pin.log3(T_world_wanted[:3, :3] @ T_world_hand[:3, :3].T).tolist()
     K = gains.hand_gain_per_s
     scale_p = _scale(e_p, K, gains.hand_speed_cap_m_s, gains.hand_acceleration_m_s2, dt_s)
     scale_R = _scale(e_R, K, gains.hand_turn_cap_rad_s, gains.hand_acceleration_rad_s2, dt_s)

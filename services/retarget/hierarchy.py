@@ -1,103 +1,273 @@
-"""Two strict priorities: the hand first, the posture in what the hand leaves free."""
+"""Strict priorities: walls, then the hand, then what else is wanted, then the posture."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf
 
 from common.se3 import Array
+from services.retarget.anchor import Anchor, AnchorLevel
 from services.retarget.bounds import Box
-from services.retarget.nullspace import WeightedJacobian
+from services.retarget.exact import ExactSolver, Unbounded
+from services.retarget.level import Level
+from services.retarget.nullspace import DAMPED_BELOW, WeightedJacobian
 from services.retarget.posture import PostureLevel, share
-from services.retarget.program import ConvexProgram
+from services.retarget.program import PIQP, make_program
+from services.retarget.projection import Projection
+from services.retarget.rows import Rows
+from services.retarget.scaling import Scaling
 
-REGULARISATION = 1e-6
-"""Weight of a^T H a in level 1."""
+Mode = Literal["project", "scale"]
+
+_NEWTON_STEPS = 3
+_MULTIPLIER = 1e-7
+"""A joint whose multiplier is larger holds the hand back: moving it would change the hand."""
+_MET = 1e-7
+"""Residual below which level 1 counts as met."""
+_PIVOT = 1e-5
 
 
-@dataclass(frozen=True)
-class Solution:
+class Solution(NamedTuple):
     """What the hierarchy decided for one tick.
 
     Args:
         a: (n,) joint velocities [rad/s, m/s].
-        scaling: Shares c1 of the hand task and c2 of the posture task that are achieved.
+        scaling: Share of every level that is achieved, the posture's last.
         failures: Levels that fell back to their feasible default.
     """
 
     a: Array
-    scaling: tuple[float, float]
+    scaling: list[float]
+    failures: int
+
+
+class _Partial(NamedTuple):
+    """Solution (n,) of the levels so far, what they leave free (n, k), their shares, failures."""
+
+    a: Array
+    Z: Array
+    shares: list[float]
     failures: int
 
 
 class Hierarchy:
-    """Solves the two levels under a box l <= a <= u that is never empty.
+    """Solves all levels in a box that is never empty, whatever the levels want.
 
-    Level 1 (project): a1 = argmin 1/2 |T (J1 a - x1)|^2 + 1/2 1e-6 a^T H a. Level 2: a = a1 + Z z
-    nearest to the posture velocity x2; J1 Z = 0, so the hand never notices. When a point with
-    J1 a = x1 is known, no program is solved for level 1. Every fallback is feasible.
+    Level 0 keeps the Cartesian rows, with the least slack. Level 1 moves the hand: `project` as
+    near to the wanted twist as possible, `scale` along it as far as possible. Further levels and
+    the posture move within what is left, J1 Z = 0, so the hand never notices them. Every fallback
+    is feasible.
+
+    Three ways lead to the solution, from cheap to general: all levels met exactly (`ExactSolver`,
+    no program); the hand at its bounds, where nothing of what moves it is left free (one program);
+    level by level (one program each). Which of them is taken never changes the hand.
 
     Args:
         H: (n,) level-1 joint weights.
-        W: (n,) level-2 joint weights.
-        rotation_scale_m: L of T = diag(1, 1, 1, L, L, L).
+        W: (n,) posture weights.
+        rows: Rows of all levels but the posture, the hand's six first.
+        mode: How level 1 treats a twist that is not possible.
+        solver: `piqp`, or another one by its name in qpsolvers.
+
+    Raises:
+        UnknownName: There is no such solver.
     """
 
-    def __init__(self, *, H: Array, W: Array, rotation_scale_m: float) -> None:
+    def __init__(
+        self, *, H: Array, W: Array, rows: int = 6, mode: Mode = "project", solver: str = PIQP
+    ) -> None:
+        program = make_program(solver)
+        self._mode = mode
         self._H = H
         self._H_root = np.sqrt(H)
-        self._T = np.array([1.0, 1.0, 1.0, *[rotation_scale_m] * 3])
-        self._T_column = self._T[:, np.newaxis].copy()
-        self._hand_program = ConvexProgram(narrow=False)
-        self._posture = PostureLevel(H=H, W=W)
+        self._anchor = AnchorLevel(n=len(H), make_program=program)
+        self._projection = Projection(H=H, make_program=program)
+        self._scaling = Scaling(make_program=program)
+        self._posture = PostureLevel(H=H, W=W, make_program=program)
+        D = 1.0 / self._posture.weights
+        self._exact = ExactSolver(D=D, rows=rows)
+        self._exact_below = ExactSolver(D=D, rows=rows - 6)
+        # s_min(T J1 H^-1/2)^2 >= kappa / trace((T J1 D J1' T)^-1): no need of its SVD below this.
+        self._safe_trace = float((1.0 / (H * D)).min()) / DAMPED_BELOW**2
+        self._was_met = True
 
-    def solve(self, J1: Array, x1: Array, x2: Array, a_prev: Array, box: Box) -> Solution:
+    def solve(self, levels: Sequence[Level], x: Array, box: Box, rows: Rows | None) -> Solution:
         """Joint velocities for one tick.
 
         Args:
-            J1: (6, n) hand Jacobian, world axes.
-            x1: (6,) wanted hand twist [m/s, rad/s].
-            x2: (n,) wanted posture velocity.
-            a_prev: (n,) velocities of the last tick.
+            levels: The hand (six rows), then others.
+            x: (n,) wanted posture velocity.
             box: Bounds of the tick.
+            rows: Cartesian rows, or None when nothing is near.
         """
-        hand = WeightedJacobian(self._T_column * J1, self._H_root)
-        Tx1 = self._T * x1
-        failures = 0
-        found = self._solve_exactly(hand, Tx1, x2, a_prev, box)
-        if found is None:
-            a1, failures = self._project(hand, Tx1, box)
-            # In a corner of the box the line of one spare joint can miss it by rounding.
-            found = self._posture.solve(hand.Z, a1, x2, box) or (a1, 0.0, 0)
-        a, c2, failed = found
-        a = box.clip(a)
-        c1 = share(float(Tx1 @ (hand.TJ @ a)), float(Tx1 @ Tx1))
-        return Solution(a, (c1, c2), failures + failed)
+        y = self._posture.optimum(x)
+        stack = _stack(levels)
+        start = self._exact.solve_unbounded(stack.J, stack.x, stack.T, y)
+        hand = None
+        if start.inverse_trace > self._safe_trace:
+            hand = self._decompose(levels[0])
+        if hand is None or hand.damping == 0.0:
+            solution = self._solve_exactly(stack, y, start, box, rows, len(levels))
+            self._was_met = solution is not None
+            a1 = None
+            if solution is None and self._mode == "project":
+                solution, a1 = self._solve_at_bounds(levels, y, box, rows)
+            if solution is None:
+                solution = self._solve_by_levels(levels, y, box, rows, hand, a1)
+        else:
+            solution = self._solve_by_levels(levels, y, box, rows, hand, None)
+        return solution
+
+    def _decompose(self, level: Level) -> WeightedJacobian:
+        return WeightedJacobian(level.T[:, np.newaxis] * level.J, self._H_root)
 
     def _solve_exactly(
-        self, hand: WeightedJacobian, Tx1: Array, x2: Array, a_prev: Array, box: Box
-    ) -> tuple[Array, float, int] | None:
-        """Both levels without a program for the hand, if a feasible a with J1 a = x1 is known.
+        self, stack: Level, y: Array, start: Unbounded, box: Box, rows: Rows | None, levels: int
+    ) -> Solution | None:
+        """All levels met."""
+        # While the hand is held back by the bounds, trying costs more than it brings.
+        steps = _NEWTON_STEPS if self._was_met else 0
+        a = self._exact.solve(stack.J, stack.x, y, start, box, steps=steps)
+        if a is None or not (rows is None or rows.allow(a)):
+            return None
+        posture = 1.0
+        if a is not start.a:
+            least = self._exact.solve_unbounded(stack.J, stack.x, stack.T, 0.0 * y).a
+            posture = self._posture.measure(a, start.a, least)
+        return Solution(a, [1.0] * levels + [posture], 0)
 
-        Tried are the point of least norm and, with several spare joints, the one nearest to the
-        last velocity. Near a singularity J1 a is the damped x1.
+    def _solve_at_bounds(
+        self, levels: Sequence[Level], y: Array, box: Box, rows: Rows | None
+    ) -> tuple[Solution | None, Array | None]:
+        """The hand as near as the box allows, if that leaves none of its joints any choice.
+
+        At the optimum a joint with a multiplier stays at its bound. The others span what the hand
+        could still do; when their columns are independent, none of them can move either. Joints
+        that never move the hand are free for the levels below.
+
+        Returns:
+            The solution or None, and what level 1 alone gave, or None.
         """
-        a_least = hand.pseudo_inverse(Tx1)
-        found = self._posture.solve(hand.Z, a_least, x2, box)
-        if found is None and hand.Z.shape[1] > 1:
-            a_near = a_least + hand.Z @ (hand.Z.T @ (self._H * (a_prev - a_least)))
-            found = self._posture.solve(hand.Z, a_near, x2, box)
-        return found
-
-    def _project(self, hand: WeightedJacobian, Tx1: Array, box: Box) -> tuple[Array, int]:
-        """Feasible velocities (n,) whose hand twist is nearest to the wanted one, and failures."""
-        P = hand.TJ.T @ hand.TJ
-        P.flat[:: len(P) + 1] += (REGULARISATION + hand.damping) * self._H
-        a1 = self._hand_program.solve(
-            P, -(Tx1 @ hand.TJ), x_l=np.array(box.lower), x_u=np.array(box.upper)
-        )
+        hand = levels[0]
+        a1 = self._projection.solve(hand, box)
         if a1 is None:
-            # The nearest to a full stop.
-            return box.clip(np.zeros(len(P))), 1
-        return box.clip(a1), 0
+            return None, None
+        residual = hand.T * (hand.J @ a1 - hand.x)
+        if rows is not None and not rows.allow(a1):
+            return None, None
+        if np.abs(residual).max() < _MET:
+            self._was_met = True
+            return None, a1
+        multipliers = (hand.T * residual) @ hand.J
+        columns = hand.J[:, (np.abs(multipliers) <= _MULTIPLIER) & hand.moves]
+        if not _are_independent(columns):
+            return None, a1
+        if len(levels) == 1 and hand.moves.all():
+            return Solution(a1, [_measure(hand, a1), 0.0], 0), a1
+        rest = Box(np.where(hand.moves, a1, box.lower), np.where(hand.moves, a1, box.upper))
+        a = rest.clip(y)
+        if len(levels) > 1:
+            below = _stack(levels[1:])
+            start = self._exact_below.solve_unbounded(below.J, below.x, below.T, y)
+            found = self._exact_below.solve(below.J, below.x, y, start, rest, steps=_NEWTON_STEPS)
+            if found is None:
+                return None, a1
+            a = found
+        if rows is not None and not rows.allow(a):
+            return None, a1
+        a_free = np.where(hand.moves, a1, y)
+        shares = [_measure(hand, a), *[1.0] * (len(levels) - 1)]
+        return Solution(a, [*shares, self._posture.measure(a, a_free, a1)], 0), a1
+
+    def _solve_by_levels(
+        self,
+        levels: Sequence[Level],
+        y: Array,
+        box: Box,
+        rows: Rows | None,
+        hand: WeightedJacobian | None,
+        a1: Array | None,
+    ) -> Solution:
+        """One level after the other, each in what those above leave free."""
+        hand = hand or self._decompose(levels[0])
+        anchor = self._anchor.solve(box, rows)
+        if a1 is not None:
+            found = _Partial(a1, hand.Z, [_measure(levels[0], a1)], 0)
+        elif self._mode == "scale":
+            found = self._scale_hand(levels[0], hand, anchor, box)
+        else:
+            found = self._project_hand(levels[0], hand, anchor, box)
+        for level in levels[1:]:
+            found = self._project_below(level, found, box, anchor.rows)
+        posture = self._posture.solve(found.Z, found.a, y, box, anchor.rows)
+        a = box.clip(posture.a)
+        failures = anchor.failures + found.failures + posture.failures
+        return Solution(a, [*found.shares, posture.c], failures)
+
+    def _project_hand(
+        self, level: Level, hand: WeightedJacobian, anchor: Anchor, box: Box
+    ) -> _Partial:
+        if hand.damping > 0.0:
+            # The damped motion is the answer wherever it is possible, not only the projection's.
+            a = hand.pseudo_inverse(level.T * level.x)
+            if box.contains(a) and (anchor.rows is None or anchor.rows.allow(a)):
+                return _Partial(a, hand.Z, [_measure(level, a)], 0)
+        a = self._projection.solve(level, box, anchor.rows, damping=hand.damping)
+        if a is None:
+            return _Partial(anchor.a, hand.Z, [_measure(level, anchor.a)], 1)
+        return _Partial(a, hand.Z, [_measure(level, a)], 0)
+
+    def _scale_hand(
+        self, level: Level, hand: WeightedJacobian, anchor: Anchor, box: Box
+    ) -> _Partial:
+        a_p = hand.pseudo_inverse(level.T * (level.x - level.J @ anchor.a))
+        scaled = self._scaling.solve(anchor.a, a_p, hand.Z, box, anchor.rows)
+        if scaled is None:
+            return _Partial(anchor.a, hand.Z, [0.0], 1)
+        return _Partial(scaled.a, hand.Z, [scaled.c], 0)
+
+    def _project_below(
+        self, level: Level, above: _Partial, box: Box, rows: Rows | None
+    ) -> _Partial:
+        if above.Z.shape[1] == 0:
+            return above._replace(shares=[*above.shares, _measure(level, above.a)])
+        found = self._projection.solve_below(level, above.a, above.Z, box, rows)
+        a = above.a if found is None else found
+        JZ = level.T[:, np.newaxis] * (level.J @ above.Z)
+        Vt = np.linalg.svd(JZ)[2]
+        return _Partial(
+            a,
+            above.Z @ Vt[len(JZ) :].T,
+            [*above.shares, _measure(level, a)],
+            above.failures + (found is None),
+        )
+
+
+def _stack(levels: Sequence[Level]) -> Level:
+    if len(levels) == 1:
+        return levels[0]
+    return Level(
+        np.vstack([level.J for level in levels]),
+        np.concatenate([level.x for level in levels]),
+        np.concatenate([level.T for level in levels]),
+        np.logical_or.reduce([level.moves for level in levels]),
+    )
+
+
+def _are_independent(columns: Array) -> bool:
+    """Whether columns (6, k) span k dimensions, k < 6."""
+    if columns.shape[1] == 0:
+        return True
+    if columns.shape[1] > 5:
+        return False
+    factor, info = dpotrf(columns.T @ columns)
+    return info == 0 and float(factor.diagonal().min()) > _PIVOT
+
+
+def _measure(level: Level, a: Array) -> float:
+    """c = <T J a, T x> / <T x, T x> in [0, 1]."""
+    wanted = level.T * level.x
+    return share(float(wanted @ (level.T * (level.J @ a))), float(wanted @ wanted))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import mujoco
@@ -20,7 +21,9 @@ _JOINT_MAKERS = {
 }
 
 
-def build_pinocchio_model(mj: mujoco.MjModel, *, robot: str) -> pin.Model:
+def build_pinocchio_model(
+    mj: mujoco.MjModel, *, robot: str, locked: Collection[str] = ()
+) -> pin.Model:
     """Build the Pinocchio model of a compiled MuJoCo model that holds one robot, and check it.
 
     Body b with last joint id_b has the pose M_b in that joint's frame. For bodies in model order:
@@ -31,11 +34,18 @@ def build_pinocchio_model(mj: mujoco.MjModel, *, robot: str) -> pin.Model:
     Args:
         mj: Compiled model with hinges and slides only.
         robot: For error messages.
+        locked: Joints that are left out; they stay at their reference position.
 
     Raises:
         BadRobotFile: A joint is neither hinge nor slide.
         ModelMismatch: The two models do not agree.
     """
+    model = _assemble(mj, robot, ())
+    check_agreement(model, mj, robot=robot)
+    return _assemble(mj, robot, locked) if locked else model
+
+
+def _assemble(mj: mujoco.MjModel, robot: str, locked: Collection[str]) -> pin.Model:
     model = pin.Model()
     model.name = robot
     joint_of = [0] * mj.nbody
@@ -45,6 +55,8 @@ def build_pinocchio_model(mj: mujoco.MjModel, *, robot: str) -> pin.Model:
         placement = M_of[parent] * _se3(mj.body_quat[body], mj.body_pos[body])
         joint = joint_of[parent]
         for j in range(mj.body_jntadr[body], mj.body_jntadr[body] + mj.body_jntnum[body]):
+            if _name(mj, "joint", j) in locked:
+                continue
             offset = pin.SE3(np.eye(3), mj.jnt_pos[j])
             joint = model.addJoint(
                 joint, _make_joint(mj, j, robot), placement * offset, _name(mj, "joint", j)
@@ -59,8 +71,11 @@ def build_pinocchio_model(mj: mujoco.MjModel, *, robot: str) -> pin.Model:
         _add_frame(
             model, _name(mj, "site", site), joint_of[body], placement, pin.FrameType.OP_FRAME
         )
-    _copy_joint_properties(model, mj)
-    check_agreement(model, mj, robot=robot)
+    free = [j for j in range(mj.njnt) if _name(mj, "joint", j) not in locked]
+    lower, upper = joint_ranges(mj)
+    model.lowerPositionLimit, model.upperPositionLimit = lower[free], upper[free]
+    model.armature = mj.dof_armature[free]
+    model.damping = mj.dof_damping[free]
     return model
 
 
@@ -122,12 +137,6 @@ def _inertia(mj: mujoco.MjModel, body: int) -> pin.Inertia:
 
 def _add_frame(model: pin.Model, name: str, joint: int, M: pin.SE3, kind: pin.FrameType) -> None:
     model.addFrame(pin.Frame(name, joint, 0, M, kind))
-
-
-def _copy_joint_properties(model: pin.Model, mj: mujoco.MjModel) -> None:
-    model.lowerPositionLimit, model.upperPositionLimit = joint_ranges(mj)
-    model.armature = mj.dof_armature.copy()
-    model.damping = mj.dof_damping.copy()
 
 
 def _se3(quat_wxyz: Array, position: Array) -> pin.SE3:

@@ -1,88 +1,105 @@
-"""Level 2: the posture, in the null space of the hand."""
+"""The last level: the posture, in what the levels above leave free."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from common.se3 import Array
 from services.retarget.bounds import Box
-from services.retarget.program import ConvexProgram
+from services.retarget.program import Program
+from services.retarget.rows import Rows
 
 REGULARISATION = 1e-3
-"""rho: weight of a^T H a in level 2."""
+"""rho: weight of a^T H a."""
 
-_SLACK = 1e-8
+_SLACK = 1e-7
 _NOTHING = 1e-12
 
 
-class PostureLevel:
-    """min 1/2 |W^(1/2) (a1 + Z z - x2)|^2 + rho/2 a^T H a over z, with l <= a1 + Z z <= u.
+class Postured(NamedTuple):
+    """Joint velocities (n,), share c of the posture task, number of failures."""
 
-    With one spare joint z is a number and the answer is the unconstrained optimum, clipped to an
-    interval. With more it is a quadratic program, and z = 0 its feasible fallback.
+    a: Array
+    c: float
+    failures: int
+
+
+class PostureLevel:
+    """min 1/2 |W^(1/2) (a - x)|^2 + rho/2 a^T H a over a = a1 + Z z in the box and the rows.
+
+    Without Z the optimum of each joint stands alone, y = W x / (W + rho H). With one spare joint z
+    is a number and the answer is the unconstrained optimum, clipped to an interval. With more it is
+    a quadratic program, and z = 0 its feasible fallback.
 
     Args:
         H: (n,) level-1 joint weights.
-        W: (n,) level-2 joint weights.
+        W: (n,) posture weights.
+        make_program: What solves it.
     """
 
-    def __init__(self, *, H: Array, W: Array) -> None:
-        self._rho_H = REGULARISATION * H
-        self._W = W
-        self._weights = W + self._rho_H
-        self._program = ConvexProgram(narrow=True)
+    def __init__(self, *, H: Array, W: Array, make_program: Callable[[bool], Program]) -> None:
+        self.weights: Array = W + REGULARISATION * H
+        """(n,) diagonal of W + rho H."""
+        self._pull = W / self.weights
+        self._program = make_program(True)
+        self._with_rows = make_program(True)
 
-    def solve(self, Z: Array, a1: Array, x2: Array, box: Box) -> tuple[Array, float, int] | None:
-        """Move a solution of level 1 within the null space towards the posture.
+    def optimum(self, x: Array) -> Array:
+        """y (n,): where the posture velocities x (n,) would be best, alone."""
+        return self._pull * x
 
-        Whether there is an answer never depends on x2, so that the posture cannot change how
-        level 1 is solved.
+    def solve(self, Z: Array, a1: Array, y: Array, box: Box, rows: Rows | None) -> Postured:
+        """Move a solution of the levels above within their null space.
 
         Args:
-            Z: (n, n - 6) null space of the hand.
-            a1: (n,) solution of level 1; with one spare joint it may be outside the box.
-            x2: (n,) wanted posture velocity.
-            box: Bounds of the tick.
-
-        Returns:
-            Joint velocities (n,), share c2 of the posture task, number of failures; or None when
-            a1 is outside (one spare joint: when no a1 + Z z is inside).
+            Z: (n, k) motions that the levels above do not notice.
+            a1: (n,) their solution, in the box and the rows.
+            y: (n,) optimum of the posture alone.
+            box: Bounds.
+            rows: Cartesian rows, or None.
         """
         spare = Z.shape[1]
-        if spare == 1:
-            return self._solve_line(Z[:, 0], a1, x2, box)
-        if not box.contains(a1):
-            return None
         if spare == 0:
-            return a1, 1.0, 0
-        return self._solve_program(Z, a1, x2, box)
-
-    def _solve_line(
-        self, Z: Array, a1: Array, x2: Array, box: Box
-    ) -> tuple[Array, float, int] | None:
-        interval = box.cut_line(a1, Z)
-        if interval is None:
-            return None
-        z_free = float(Z @ self._gradient(a1, x2)) / float(Z @ (self._weights * Z))
-        z = min(max(z_free, interval[0]), interval[1])
-        return a1 + z * Z, share(z, z_free), 0
-
-    def _solve_program(self, Z: Array, a1: Array, x2: Array, box: Box) -> tuple[Array, float, int]:
-        rhs = Z.T @ self._gradient(a1, x2)
-        P = Z.T @ (self._weights[:, np.newaxis] * Z)
+            return Postured(a1, 1.0, 0)
+        if spare == 1 and rows is None:
+            return self._solve_line(Z[:, 0], a1, y, box)
+        WZ = self.weights[:, np.newaxis] * Z
+        P = Z.T @ WZ
+        rhs = (y - a1) @ WZ
         z_free = np.linalg.solve(P, rhs)
         a = a1 + Z @ z_free
-        if box.contains(a):
-            return a, 1.0, 0
-        h_l, h_u = np.array(box.lower) - a1 - _SLACK, np.array(box.upper) - a1 + _SLACK
-        z = self._program.solve(P, -rhs, G=Z, h_l=h_l, h_u=h_u)
+        if box.contains(a) and (rows is None or rows.allow(a)):
+            return Postured(a, 1.0, 0)
+        z = self._solve_program(P, rhs, Z, a1, box, rows)
         if z is None:
-            return a1, 0.0, 1
-        return a1 + Z @ z, share(float(z @ rhs), float(z_free @ rhs)), 0
+            return Postured(a1, 0.0, 1)
+        return Postured(a1 + Z @ z, share(float(z @ rhs), float(z_free @ rhs)), 0)
 
-    def _gradient(self, a1: Array, x2: Array) -> Array:
-        """Descent direction (n,) of the objective at z = 0."""
-        return self._W * (x2 - a1) - self._rho_H * a1
+    def measure(self, a: Array, a_free: Array, a1: Array) -> float:
+        """Share c that velocities a achieve of the way from a1 to the unbounded optimum a_free."""
+        way = self.weights * (a_free - a1)
+        return share(float((a - a1) @ way), float((a_free - a1) @ way))
+
+    def _solve_line(self, Z: Array, a1: Array, y: Array, box: Box) -> Postured:
+        Wz = self.weights * Z
+        z_free = float((y - a1) @ Wz) / float(Z @ Wz)
+        # In a corner of the box the line can miss it by rounding.
+        first, last = box.cut_line(a1, Z) or (0.0, 0.0)
+        z = min(max(z_free, first), last)
+        return Postured(a1 + z * Z, share(z, z_free), 0)
+
+    def _solve_program(
+        self, P: Array, rhs: Array, Z: Array, a1: Array, box: Box, rows: Rows | None
+    ) -> Array | None:
+        program, G, lower, upper = self._program, Z, box.lower - a1, box.upper - a1
+        if rows is not None:
+            program, G = self._with_rows, np.vstack([Z, rows.C @ Z])
+            lower = np.concatenate([lower, np.full(len(rows.U), -np.inf)])
+            upper = np.concatenate([upper, rows.U - rows.C @ a1])
+        return program.solve(P, -rhs, G=G, h_l=lower - _SLACK, h_u=upper + _SLACK)
 
 
 def share(achieved: float, wanted: float) -> float:

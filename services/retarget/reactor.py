@@ -18,9 +18,11 @@ from common.messages import (
 )
 from common.robots import RobotSpec, load_robot
 from common.service import AnyMessage, Reactor
+from common.tasks import Task, load_task
 from services.retarget.episode import RetargetEpisode
 from services.retarget.retargeter import IdentityRetargeter, Retargeter
-from services.retarget.whole_body import RobotModel, WholeBodyRetargeter
+from services.retarget.robot_model import RobotModel
+from services.retarget.whole_body import WholeBodyRetargeter
 
 log = logging.getLogger(__name__)
 
@@ -100,11 +102,12 @@ class RetargetReactor(Reactor):
         spec = self._specs.get(configure.robot)
         if spec is None:
             raise UnknownName("robot", configure.robot, sorted(self._specs))
-        return RetargetEpisode(configure, spec, self._make_retargeter(spec))
+        task = load_task(configure.task)
+        return RetargetEpisode(configure, spec, self._make_retargeter(spec, task))
 
-    def _make_retargeter(self, spec: RobotSpec) -> Retargeter:
+    def _make_retargeter(self, spec: RobotSpec, task: Task) -> Retargeter:
         if spec.kind == "free_hand":
             return IdentityRetargeter()
         if spec.name not in self._models:
             self._models[spec.name] = RobotModel(spec)
-        return WholeBodyRetargeter(self._models[spec.name])
+        return WholeBodyRetargeter(self._models[spec.name], task.obstacles)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from common.clock import FRAME_TICKS, TICK_S
 from common.messages import ActionStep
-from common.se3 import Array, apply_differential, exp3, log3
+from common.se3 import Array, apply_differential, distance, exp3, log3
 
 
 @dataclass(frozen=True)
@@ -30,27 +31,54 @@ class TickReference:
 class Setpoint:
     """The pose that the policy's differential poses are composed on, and what is left of a chunk.
 
+    It never runs away: a step that would take it further than the lead from the hand is cut there.
+
     Args:
         T_world_tool: (4, 4) where it starts: the measured tool pose.
+        lead_m: How far it may be ahead of the hand.
+        lead_rad: The same for its orientation.
     """
 
-    def __init__(self, T_world_tool: Array) -> None:
+    def __init__(
+        self, T_world_tool: Array, *, lead_m: float = math.inf, lead_rad: float = math.inf
+    ) -> None:
         self.T_world_setpoint = T_world_tool.copy()
+        self._lead_m = lead_m
+        self._lead_rad = lead_rad
         self._steps: list[ActionStep] = []
 
     def replace(self, steps: Sequence[ActionStep]) -> None:
         """Take the steps of a new action; what was left of the last one is dropped."""
         self._steps = list(steps)
 
-    def advance(self) -> bool:
-        """Move on by the next step; tell whether there was one."""
+    def advance(self, T_world_hand: Array | None = None) -> bool:
+        """Move on by the next step; tell whether there was one.
+
+        Args:
+            T_world_hand: (4, 4) where the hand is; without it the lead is not limited.
+        """
         if not self._steps:
             return False
         step = self._steps.pop(0)
-        self.T_world_setpoint = apply_differential(
-            self.T_world_setpoint, step.translation_m, step.rotation_rad
-        )
+        T = apply_differential(self.T_world_setpoint, step.translation_m, step.rotation_rad)
+        if T_world_hand is not None:
+            T = _limit_lead(T, T_world_hand, self._lead_m, self._lead_rad)
+        self.T_world_setpoint = T
         return True
+
+
+def _limit_lead(T_world_wanted: Array, T_world_hand: Array, lead_m: float, lead_rad: float) -> Array:
+    """The pose (4, 4) towards a wanted one that is at most the lead away from the hand."""
+    error_m, error_rad = distance(T_world_hand, T_world_wanted)
+    if error_m <= lead_m and error_rad <= lead_rad:
+        return T_world_wanted
+    T = T_world_wanted.copy()
+    if error_m > lead_m:
+        T[:3, 3] = T_world_hand[:3, 3] + (lead_m / error_m) * (T[:3, 3] - T_world_hand[:3, 3])
+    if error_rad > lead_rad:
+        w = log3(T[:3, :3] @ T_world_hand[:3, :3].T)
+        T[:3, :3] = exp3((lead_rad / error_rad) * w) @ T_world_hand[:3, :3]
+    return T
 
 
 class WaypointInterpolator:
@@ -110,23 +138,32 @@ class GripperReference:
 
     Args:
         T_world_tool: (4, 4) measured tool pose at the first tick.
+        lead_m: How far the set-point may be ahead of the hand.
+        lead_rad: The same for its orientation.
     """
 
-    def __init__(self, T_world_tool: Array) -> None:
-        self._setpoint = Setpoint(T_world_tool)
+    def __init__(
+        self, T_world_tool: Array, *, lead_m: float = math.inf, lead_rad: float = math.inf
+    ) -> None:
+        self._setpoint = Setpoint(T_world_tool, lead_m=lead_m, lead_rad=lead_rad)
         self._interpolator = WaypointInterpolator(T_world_tool)
 
-    def take(self, steps: Sequence[ActionStep]) -> None:
-        """Start on a new action now, from the current reference."""
-        self._setpoint.replace(steps)
-        self._aim_at_next_step()
+    def take(self, steps: Sequence[ActionStep], T_world_hand: Array | None = None) -> None:
+        """Start on a new action now, from the current reference.
 
-    def advance(self) -> TickReference:
+        Args:
+            steps: Of the action.
+            T_world_hand: (4, 4) where the hand is; without it the lead is not limited.
+        """
+        self._setpoint.replace(steps)
+        self._aim_at_next_step(T_world_hand)
+
+    def advance(self, T_world_hand: Array | None = None) -> TickReference:
         """Move on by one tick; a chunk continues whenever its last waypoint is reached."""
         if self._interpolator.arrived:
-            self._aim_at_next_step()
+            self._aim_at_next_step(T_world_hand)
         return self._interpolator.advance()
 
-    def _aim_at_next_step(self) -> None:
-        if self._setpoint.advance():
+    def _aim_at_next_step(self, T_world_hand: Array | None) -> None:
+        if self._setpoint.advance(T_world_hand):
             self._interpolator.aim(self._setpoint.T_world_setpoint)

@@ -15,7 +15,7 @@ class TickRecord:
     """One tick.
 
     Args:
-        T_world_reference: (4, 4) reference at the start of the tick.
+        T_world_reference: (4, 4) reference that the tool should be at by now.
         T_world_tool: (4, 4) measured tool pose at the start of the tick.
         motion: What the retargeter answered.
         solve_time_s: How long it took [s].

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from common.se3 import Array, pose_from_wire, pose_to_wire
 from services.retarget.reference import TickReference
 
@@ -18,7 +20,7 @@ class Motion:
         positions: To be reached at the end of the tick, as in `RobotCommand`.
         velocities: Over the tick.
         scaling: Share of each level that was achieved.
-        active_limits: Joints whose velocity stands at a bound.
+        active_limits: Joints whose velocity stands at a bound, walls and pairs that hold back.
         failures: Levels that fell back to their feasible default.
     """
 
@@ -40,8 +42,13 @@ class Retargeter(Protocol):
         """Begin an episode at the measured positions, at rest."""
         ...
 
-    def follow(self, reference: TickReference) -> Motion:
-        """Plan one tick."""
+    @property
+    def T_world_hand(self) -> Array:
+        """(4, 4) tool pose that is commanded at this moment."""
+        ...
+
+    def follow(self, reference: TickReference, measured: Sequence[float] | None = None) -> Motion:
+        """Plan one tick; `measured` are the positions of the state it answers."""
         ...
 
 
@@ -52,12 +59,21 @@ class IdentityRetargeter:
         """T_world_tool (4, 4) of `[x, y, z, qw, qx, qy, qz]`."""
         return pose_from_wire(positions)
 
-    def start(self, positions: Sequence[float]) -> None:
-        """Nothing to remember: the reference starts at the measured pose."""
+    def __init__(self) -> None:
+        self._T_world_hand: Array = np.eye(4)
 
-    def follow(self, reference: TickReference) -> Motion:
+    @property
+    def T_world_hand(self) -> Array:
+        """(4, 4) tool pose that is commanded at this moment."""
+        return self._T_world_hand
+
+    def start(self, positions: Sequence[float]) -> None:
+        """Stand at the measured pose."""
+        self._T_world_hand = self.compute_tool_pose(positions)
+
+    def follow(self, reference: TickReference, measured: Sequence[float] | None = None) -> Motion:
         """Pose at the end of the tick; linear velocity in world axes, angular in the hand's."""
-        T = reference.T_world_end
+        T = self._T_world_hand = reference.T_world_end
         # The turn's axis is fixed in the world and therefore in the hand as well.
         angular = T[:3, :3].T @ reference.twist[3:]
         return Motion(

@@ -1,127 +1,153 @@
-"""The retargeter of a robot with joints: task, bounds, hierarchy, integration."""
+"""The retargeter of a robot with joints: tasks, bounds, hierarchy, integration."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 
 from common.clock import TICK_S
-from common.errors import BadRobotFile
-from common.robots import RobotSpec
-from common.robots.compile import compile_robot
 from common.se3 import Array
+from common.tasks import Obstacle
+from services.retarget.approach import ApproachLimit
 from services.retarget.bounds import Box, JointBounds, JointLimits
+from services.retarget.collision import Collisions
 from services.retarget.hand_task import compute_hand_twist
+from services.retarget.head_task import HeadTask
 from services.retarget.hierarchy import Hierarchy
-from services.retarget.model import build_pinocchio_model
+from services.retarget.level import Level
 from services.retarget.reference import TickReference
 from services.retarget.retargeter import Motion
+from services.retarget.robot_model import RobotModel
+from services.retarget.rows import Rows, gather_rows
+from services.retarget.walls import Walls
 
 _AT_BOUND = 1e-6
-
-
-class RobotModel:
-    """Kinematics of one robot: loaded once, shared by all cells.
-
-    Raises:
-        BadRobotFile: The robot's files do not agree.
-        ModelMismatch: Pinocchio's model is not MuJoCo's.
-    """
-
-    def __init__(self, spec: RobotSpec) -> None:
-        self.spec = spec
-        mj = compile_robot(spec)
-        if mj.nv < 6:
-            raise BadRobotFile(spec.name, "joints", f"{mj.nv} joints cannot move a hand freely")
-        self._model = build_pinocchio_model(mj, robot=spec.name)
-        self._data = self._model.createData()
-        self._frame = self._model.getFrameId(spec.tool_site, pin.FrameType.OP_FRAME)
-        self._offset = mj.qpos0.copy()
-        self.lower: Array = self._model.lowerPositionLimit + self._offset
-        self.upper: Array = self._model.upperPositionLimit + self._offset
-
-    def compute_tool_pose(self, q: Array) -> Array:
-        """T_world_tool (4, 4) at joint positions q (n,)."""
-        pin.forwardKinematics(self._model, self._data, q - self._offset)
-        return pin.updateFramePlacement(self._model, self._data, self._frame).homogeneous
-
-    def compute_hand(self, q: Array) -> tuple[Array, Array]:
-        """T_world_tool (4, 4) and the hand Jacobian (6, n) in world axes at the tool."""
-        J = pin.computeFrameJacobian(
-            self._model, self._data, q - self._offset, self._frame, pin.LOCAL_WORLD_ALIGNED
-        )
-        T = pin.updateFramePlacement(self._model, self._data, self._frame).homogeneous
-        return T, J
 
 
 class WholeBodyRetargeter:
     """Follows with all joints, under position, velocity and acceleration limits.
 
     It integrates its command, q+ = q + a dt: that is what the bounds' guarantees hold for, and what
-    keeps servo errors from becoming hand errors.
+    keeps servo errors from becoming hand errors. The measurement only keeps the command from
+    running away.
 
     Args:
         model: The robot's kinematics.
+        obstacles: Fixed boxes of the task that its links keep away from.
+
+    Raises:
+        BadRobotFile: A wall or collision pair cannot be used.
+        UnknownName: robot.toml asks for a solver that is not installed.
     """
 
-    def __init__(self, model: RobotModel) -> None:
-        joints = model.spec.joints
+    def __init__(self, model: RobotModel, obstacles: Sequence[Obstacle] = ()) -> None:
+        spec = model.spec
         self._model = model
-        self._gains = model.spec.retarget
-        self._names = [joint.name for joint in joints]
-        self._bias = np.array([joint.bias for joint in joints])
-        self._H = np.array([joint.level1_weight for joint in joints])
-        self._W = np.array([joint.level2_weight for joint in joints])
-        self._bounds = JointBounds(
-            [
-                JointLimits(lower, upper, joint.velocity_limit, joint.acceleration_limit)
-                for joint, lower, upper in zip(
-                    joints, model.lower.tolist(), model.upper.tolist(), strict=True
-                )
-            ],
-            dt_s=TICK_S,
-        )
-        self.start([joint.start for joint in joints])
+        self._gains = spec.retarget
+        self._names = [joint.name for joint in spec.joints]
+        self._bias = np.array([joint.bias for joint in spec.joints])
+        self._H = np.array([joint.level1_weight for joint in spec.joints])
+        self._W = np.array([joint.level2_weight for joint in spec.joints])
+        self._T = np.array([1.0, 1.0, 1.0, *[self._gains.rotation_scale_m] * 3])
+        self._bounds = JointBounds(list_limits(model), dt_s=TICK_S)
+        self._latency_ticks = round(spec.command_latency_s / TICK_S)
+        gains = self._gains
+        walls = ApproachLimit(gains.wall_gain_per_s, gains.wall_acceleration_m_s2, 0.0, TICK_S)
+        self._walls = Walls(model, walls, fastest_m_s=2.0 * gains.hand_speed_cap_m_s)
+        self._obstacles = tuple(obstacles)
+        self.start([joint.start for joint in spec.joints])
+
+    @property
+    def T_world_hand(self) -> Array:
+        """(4, 4) tool pose that is commanded at this moment."""
+        return self._model.compute_tool_pose(self._q)
 
     def compute_tool_pose(self, positions: Sequence[float]) -> Array:
         """T_world_tool (4, 4) at measured joint positions."""
         return self._model.compute_tool_pose(np.array(positions))
 
     def start(self, positions: Sequence[float]) -> None:
-        """Begin at the measured positions, at rest, with solvers that remember nothing."""
-        self._q = np.array(positions)
+        """Begin at the measured positions, at rest, with nothing remembered."""
+        spec = self._model.spec
+        self._q = np.array(positions, dtype=float)
         self._a = np.zeros(len(self._names))
+        self._sent = deque([self._q], maxlen=self._latency_ticks + 1)
+        margin = ApproachLimit(
+            self._gains.wall_gain_per_s,
+            self._gains.wall_acceleration_m_s2,
+            spec.collision.margin_m,
+            TICK_S,
+        )
+        self._collisions = Collisions(self._model, self._obstacles, margin)
+        self._head = HeadTask(self._model, spec.head, self._q) if spec.head else None
+        self._looks_around = bool(self._head or self._walls or self._collisions)
         self._hierarchy = Hierarchy(
-            H=self._H, W=self._W, rotation_scale_m=self._gains.rotation_scale_m
+            H=self._H,
+            W=self._W,
+            rows=9 if self._head else 6,
+            mode=self._gains.mode,
+            solver=self._gains.solver,
         )
 
-    def follow(self, reference: TickReference) -> Motion:
-        """Plan one tick and integrate it."""
+    def follow(self, reference: TickReference, measured: Sequence[float] | None = None) -> Motion:
+        """Plan one tick and integrate it.
+
+        Args:
+            reference: Where the gripper should be.
+            measured: Measured joint positions; without them the command is trusted.
+        """
         T_world_hand, J1 = self._model.compute_hand(self._q)
         x1 = compute_hand_twist(
             T_world_hand, reference.T_world_start, reference.twist, self._gains, TICK_S
         )
-        x2 = self._gains.posture_gain_per_s * (self._bias - self._q)
-        box = self._bounds.compute(self._q.tolist(), self._a.tolist())
-        solution = self._hierarchy.solve(J1, x1, x2, self._a, box)
+        levels = [Level(J1, x1, self._T, self._model.hand_joints)]
+        rows = None
+        if self._looks_around:
+            self._model.update(self._q)
+            rows = gather_rows(
+                [*self._walls.list_near(), *self._collisions.list_near()], len(self._q)
+            )
+        if self._head:
+            levels.append(self._head.aim())
+        x = self._gains.posture_gain_per_s * (self._bias - self._q)
+        box = self._bounds.compute(self._q, self._a, self._predict(measured))
+        solution = self._hierarchy.solve(levels, x, box, rows)
         self._a = solution.a
         self._q = self._q + TICK_S * solution.a
-        velocities: list[float] = self._a.tolist()
+        self._sent.append(self._q)
         return Motion(
             positions=self._q.tolist(),
-            velocities=velocities,
-            scaling=list(solution.scaling),
-            active_limits=self._list_active(velocities, box),
+            velocities=self._a.tolist(),
+            scaling=solution.scaling,
+            active_limits=self._list_active(box, rows),
             failures=solution.failures,
         )
 
-    def _list_active(self, velocities: list[float], box: Box) -> list[str]:
-        return [
-            name
-            for name, a, least, most in zip(
-                self._names, velocities, box.lower, box.upper, strict=True
-            )
-            if a <= least + _AT_BOUND or a >= most - _AT_BOUND
-        ]
+    def _predict(self, measured: Sequence[float] | None) -> Array | None:
+        """Where the joints (n,) will be when all that was sent has had its effect."""
+        if measured is None:
+            return None
+        return np.array(measured) + (self._q - self._sent[0])
+
+    def _list_active(self, box: Box, rows: Rows | None) -> list[str]:
+        a = self._a
+        at = np.minimum(a - box.lower, box.upper - a) <= _AT_BOUND
+        active = [self._names[i] for i in at.nonzero()[0].tolist()]
+        if rows is not None:
+            tight = (rows.C @ a >= rows.U - _AT_BOUND).nonzero()[0].tolist()
+            active += [rows.names[i] for i in tight if i < len(rows.names)]
+        return active
+
+
+def list_limits(model: RobotModel) -> list[JointLimits]:
+    """Limits of all joints of a robot."""
+    return [
+        JointLimits(
+            lower, upper, joint.velocity_limit, joint.acceleration_limit, joint.lead_limit
+        )
+        for joint, lower, upper in zip(
+            model.spec.joints, model.lower.tolist(), model.upper.tolist(), strict=True
+        )
+    ]

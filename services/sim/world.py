@@ -16,6 +16,7 @@ from common.se3 import Array, make_pose, pose_to_wire
 from common.tasks import Task
 from common.tasks.task import ObjectState, TaskState
 from services.sim.fingers import Fingers
+from services.sim.legs import Legs
 from services.sim.servo import HandServos, JointServos, Servos
 
 PHYSICS_DT_S = 0.002
@@ -59,6 +60,7 @@ class World:
             else JointServos(self.model, robot)
         )
         self.fingers = Fingers(self.model)
+        self._legs = Legs(self.model, robot)
         self._place(seed)
         self._settle()
         self.initial = self.object_states()
@@ -73,6 +75,7 @@ class World:
         self.servos.finish_tick()
         # Poses of the state just reached, not of the one before it.
         mujoco.mj_kinematics(self.model, self.data)
+        self._legs.follow(self.data, ticks_s)
 
     @property
     def T_world_tool(self) -> Array:
@@ -146,6 +149,7 @@ class World:
             self.data.qpos[start : start + 7] = pose_to_wire(item.T_world_object)
         self.servos.reset(self.data)
         self.fingers.reset(self.data)
+        self._legs.reset(self.data)
         mujoco.mj_forward(self.model, self.data)
 
     def _settle(self) -> None:

@@ -9,7 +9,7 @@ from common.errors import BadRobotFile, ModelMismatch
 from common.robots import load_robot
 from common.robots.compile import compile_robot
 from services.retarget.model import build_pinocchio_model, check_agreement
-from services.retarget.whole_body import RobotModel
+from services.retarget.robot_model import RobotModel
 
 ODD_TREE = """
 <mujoco>

@@ -1,126 +1,220 @@
-"""The two levels against reference solvers, and the strictness of their order."""
+"""The levels against reference solvers, and the strictness of their order, on every robot."""
 
 import numpy as np
 import pytest
-from scipy.optimize import lsq_linear, minimize
+from scipy.optimize import linprog, lsq_linear, minimize
 
-from common.robots import load_robot
-from services.retarget.bounds import Box, JointBounds, JointLimits
+from services.retarget.bounds import Box, JointBounds
 from services.retarget.hierarchy import Hierarchy
+from services.retarget.level import Level
 from services.retarget.nullspace import WeightedJacobian
-from services.retarget.whole_body import RobotModel
+from services.retarget.rows import Approach, gather_rows
+from services.retarget.whole_body import list_limits
+from tests.retarget_runs import BODIES, robot_model
 
-SCALE_M = 1.0
+ONES = np.ones(6)
 
 
 class _State:
-    """A random moving state of a robot: Jacobian, wishes (half of them possible) and bounds."""
+    """A random moving state of a robot: levels, wishes (half of them possible) and bounds."""
 
-    def __init__(self, random, J1, limits, q, a_prev):
-        n = len(limits)
-        self.J1, self.q, self.a_prev = J1, q, a_prev
-        self.x2 = random.normal(size=n)
-        box = JointBounds(limits, dt_s=0.01).compute(q.tolist(), a_prev.tolist())
+    def __init__(self, random, name):
+        model = robot_model(name)
+        self.model, self.n = model, model.pin.nv
+        limits = list_limits(model)
+        vmax = np.array([limit.velocity for limit in limits])
+        lower, upper = np.maximum(model.lower, -3.0), np.minimum(model.upper, 3.0)
+        q = random.uniform(lower, upper)
+        near = random.random(self.n) < 0.2
+        q = np.where(near, upper - 0.01 * random.random(self.n), q)
+        self.a_prev = random.uniform(-0.5, 0.5, self.n) * vmax
+        box = JointBounds(limits, dt_s=0.01).compute(q, self.a_prev)
         # In full braking both bounds of a joint coincide.
-        braking = random.random(n) < random.choice([0.0, 0.3])
-        self.box = Box(box.lower, np.where(braking, box.lower, box.upper).tolist())
-        if random.random() < 0.5:
-            self.x1 = random.normal(size=6) * random.choice([0.05, 0.3, 1.0])
-        else:
-            self.x1 = J1 @ random.uniform(self.box.lower, self.box.upper)
+        braking = random.random(self.n) < random.choice([0.0, 0.3])
+        self.box = Box(box.lower, np.where(braking, box.lower, box.upper))
+        self.J = model.compute_hand(q)[1]
+        possible = random.random() < 0.5
+        self.x1 = (
+            self.J @ random.uniform(*self.box)
+            if possible
+            else random.normal(size=6) * random.choice([0.05, 0.3, 1.0])
+        )
+        self.levels = [Level(self.J, self.x1, ONES, model.hand_joints)]
+        if model.spec.head is not None:
+            frame = model.find_site(model.spec.head.site)
+            model.update(q)
+            J_head = model.compute_site(frame)[1][3:]
+            x_head = random.normal(size=3) * 0.3
+            self.levels.append(Level(J_head, x_head, np.ones(3), model.list_moving(frame)))
+        self.x2 = random.normal(size=self.n)
+        self.rows = None
 
-    def solve(self, x2, *, H=None, W=None):
-        n = len(self.q)
-        H = np.ones(n) if H is None else H
-        W = np.ones(n) if W is None else W
-        hierarchy = Hierarchy(H=H, W=W, rotation_scale_m=SCALE_M)
-        return hierarchy.solve(self.J1, self.x1, x2, self.a_prev, self.box)
+    def add_rows(self, random, count=3):
+        """Walls that the hand and other points may approach slowly."""
+        directions = random.normal(size=(count, 6))
+        directions[:, 3:] *= 0.1
+        self.rows = gather_rows(
+            [Approach(d @ self.J, 0.1, random.uniform(-0.02, 0.05), "wall") for d in directions],
+            self.n,
+        )
 
+    def solve(self, x2, *, H=None, W=None, mode="project", solver="piqp"):
+        H = np.ones(self.n) if H is None else H
+        W = np.ones(self.n) if W is None else W
+        rows = sum(len(level.x) for level in self.levels)
+        hierarchy = Hierarchy(H=H, W=W, rows=rows, mode=mode, solver=solver)
+        return hierarchy.solve(self.levels, x2, self.box, self.rows)
 
-def _panda_states(count, seed=0):
-    spec = load_robot("panda")
-    model = RobotModel(spec)
-    limits = [
-        JointLimits(low, high, joint.velocity_limit, joint.acceleration_limit)
-        for joint, low, high in zip(spec.joints, model.lower, model.upper, strict=True)
-    ]
-    random = np.random.default_rng(seed)
-    vmax = np.array([limit.velocity for limit in limits])
-    for _ in range(count):
-        q = random.uniform(model.lower, model.upper)
-        near = random.random(7) < 0.2
-        q = np.where(near, model.upper - 0.01 * random.random(7), q)
-        a_prev = random.uniform(-0.5, 0.5, 7) * vmax
-        yield _State(random, model.compute_hand(q)[1], limits, q, a_prev)
-
-
-def _redundant_states(count, n=12, seed=0):
-    random = np.random.default_rng(seed)
-    limits = [JointLimits(-2.0, 2.0, 2.0, 12.0)] * n
-    for _ in range(count):
-        q = random.uniform(-2.0, 2.0, n)
-        yield _State(random, random.normal(size=(6, n)) * 0.4, limits, q, random.normal(size=n))
-
-
-STATES = [*_panda_states(150), *_redundant_states(60), *_redundant_states(30, n=6)]
+    @property
+    def is_regular(self):
+        # Near a singularity the hand is damped on purpose.
+        return np.linalg.svd(self.J)[1][-1] > 0.05
 
 
-def test_posture_never_moves_the_hand():
+def _states(name, count, seed=0, *, rows=False):
+    random = np.random.default_rng([seed, len(name)])
+    states = [_State(random, name) for _ in range(count)]
+    if rows:
+        for state in states:
+            state.add_rows(random)
+    return states
+
+
+@pytest.mark.parametrize("mode", ["project", "scale"])
+@pytest.mark.parametrize("rows", [False, True])
+@pytest.mark.parametrize("name", BODIES)
+def test_posture_never_moves_what_is_above_it(name, rows, mode):
     random = np.random.default_rng(5)
-    for state in STATES:
-        n = len(state.q)
+    for state in _states(name, 60, rows=rows):
+        one = state.solve(state.x2, mode=mode)
+        W = random.uniform(0.1, 20.0, state.n)
+        other = state.solve(10.0 * random.normal(size=state.n), W=W, mode=mode)
+        assert np.abs(state.J @ (one.a - other.a)).max() <= 1e-6
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_head_never_moves_the_hand(name):
+    for state in _states(name, 40, 3):
         one = state.solve(state.x2)
-        other = state.solve(10.0 * random.normal(size=n), W=random.uniform(0.1, 20.0, n))
-        assert np.abs(state.J1 @ (one.a - other.a)).max() <= 1e-6
+        state.levels = state.levels[:1]
+        alone = state.solve(state.x2)
+        assert np.abs(state.J @ (one.a - alone.a)).max() <= 1e-6
 
 
-def test_solutions_are_in_the_box_and_never_fail():
-    for state in STATES:
-        solution = state.solve(state.x2)
-        assert state.box.contains(solution.a)
-        assert all(0.0 <= share <= 1.0 for share in solution.scaling)
-        assert solution.failures == 0
+@pytest.mark.parametrize("mode", ["project", "scale"])
+@pytest.mark.parametrize("name", BODIES)
+def test_solutions_are_in_the_box_and_never_fail(name, mode):
+    for rows in (False, True):
+        for state in _states(name, 60, 4, rows=rows):
+            solution = state.solve(state.x2, mode=mode)
+            assert state.box.contains(solution.a)
+            assert all(0.0 <= share <= 1.0 for share in solution.scaling)
+            assert len(solution.scaling) == len(state.levels) + 1
+            assert solution.failures == 0
 
 
 def _best_residual(state):
-    lower, upper = np.array(state.box.lower), np.array(state.box.upper)
-    result = lsq_linear(state.J1, state.x1, (lower, upper + 1e-15), method="bvls", tol=1e-12)
-    return np.linalg.norm(state.J1 @ result.x - state.x1)
+    lower, upper = state.box
+    result = lsq_linear(state.J, state.x1, (lower, upper + 1e-15), method="bvls", tol=1e-12)
+    return np.linalg.norm(state.J @ result.x - state.x1)
 
 
-@pytest.mark.parametrize("states", [list(_panda_states(150, 1)), list(_redundant_states(60, 9, 1))])
-def test_hand_is_as_near_as_the_bounds_allow(states):
+@pytest.mark.parametrize("name", BODIES)
+def test_hand_is_as_near_as_the_bounds_allow(name):
+    states = [state for state in _states(name, 150, 1) if state.is_regular]
     saturated = 0
-    # Near a singularity both are regularised, differently.
-    states = [state for state in states if np.linalg.svd(state.J1)[1][-1] > 0.05]
     for state in states:
         best = _best_residual(state)
         solution = state.solve(state.x2)
-        residual = np.linalg.norm(state.J1 @ solution.a - state.x1)
+        residual = np.linalg.norm(state.J @ solution.a - state.x1)
         assert residual - best <= 1e-5 * (1.0 + np.linalg.norm(state.x1))
         saturated += best > 1e-3
         if best < 1e-9:
             assert solution.scaling[0] > 0.999
-    # Both branches were tried: within the bounds and at them.
+    # Both kinds were tried: within the bounds and at them.
     assert 0 < saturated < len(states)
 
 
-def test_posture_is_the_best_in_what_the_hand_leaves_free():
+@pytest.mark.parametrize("rows", [False, True])
+@pytest.mark.parametrize("name", BODIES)
+def test_scaling_factor_is_that_of_the_linear_program(name, rows):
+    states = [state for state in _states(name, 60, 2, rows=rows) if state.is_regular]
+    assert len(states) > 10
+    below_one = 0
+    for state in states:
+        anchor = state.box.clip(np.zeros(state.n))
+        if state.rows is not None and not state.rows.allow(anchor):
+            continue
+        lower, upper = state.box
+        # J a = J a0 + c (x1 - J a0), unknowns (c, a).
+        J0 = state.J @ anchor
+        A_eq = np.column_stack([-(state.x1 - J0), state.J])
+        C, U = (None, None)
+        if state.rows is not None:
+            n_rows = len(state.rows.names)
+            C = np.column_stack([np.zeros(n_rows), state.rows.C[:n_rows]])
+            U = state.rows.U[:n_rows]
+        cost = np.r_[-1.0, np.zeros(state.n)]
+        bounds = [(0.0, 1.0), *zip(lower, upper, strict=True)]
+        best = linprog(cost, A_ub=C, b_ub=U, A_eq=A_eq, b_eq=J0, bounds=bounds, method="highs")
+        assert best.status == 0
+        c = state.solve(state.x2, mode="scale").scaling[0]
+        assert c == pytest.approx(-best.fun, abs=1e-6)
+        below_one += c < 0.999
+    assert below_one > 0
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_project_gets_further_than_scale(name):
+    for state in _states(name, 40, 6):
+        if not state.is_regular or not state.box.contains(np.zeros(state.n)):
+            continue
+        c_project = state.solve(state.x2).scaling[0]
+        c_scale = state.solve(state.x2, mode="scale").scaling[0]
+        assert c_project >= c_scale - 1e-3
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_rows_are_kept_or_violated_least(name):
+    relaxed = 0
+    for state in _states(name, 60, 7, rows=True):
+        rows, (lower, upper) = state.rows, state.box
+        solution = state.solve(state.x2)
+        kept = len(rows.names)
+        C, U = rows.C[:kept], rows.U[:kept]
+        violation = np.maximum(C @ solution.a - U, 0.0)
+        least = minimize(
+            lambda a, C=C, U=U: 0.5 * (np.maximum(C @ a - U, 0.0) ** 2).sum(),
+            solution.a,
+            jac=lambda a, C=C, U=U: C.T @ np.maximum(C @ a - U, 0.0),
+            bounds=list(zip(lower, upper + 1e-12, strict=True)),
+            method="L-BFGS-B",
+            options={"ftol": 1e-15, "gtol": 1e-12},
+        )
+        assert violation @ violation <= 2.0 * least.fun * (1.0 + 1e-5) + 1e-6
+        relaxed += least.fun > 1e-6
+    assert relaxed > 0
+
+
+@pytest.mark.parametrize("name", ["panda", "spot"])
+def test_posture_is_the_best_in_what_the_hand_leaves_free(name):
     rho = 1e-3
-    for state in [*_panda_states(20, 2), *_redundant_states(20, 9, 2)]:
-        W = np.linspace(0.5, 2.0, len(state.q))
+    for state in _states(name, 15, 2):
+        if not state.is_regular:
+            continue
+        W = np.linspace(0.5, 2.0, state.n)
         solution = state.solve(state.x2, W=W)
-        Z = np.linalg.svd(state.J1)[2][6:].T
+        Z = np.linalg.svd(state.J)[2][6:].T
 
         def cost(z, a=solution.a, Z=Z, W=W, x2=state.x2):
             moved = a + Z @ z
             return 0.5 * (W * (moved - x2) ** 2).sum() + 0.5 * rho * (moved**2).sum()
 
-        lower, upper = np.array(state.box.lower), np.array(state.box.upper)
+        lower, upper = state.box
         inside = {
             "type": "ineq",
-            "fun": lambda z, a=solution.a, Z=Z: np.concatenate(
-                [upper - a - Z @ z, a + Z @ z - lower]  # noqa: B023
+            "fun": lambda z, a=solution.a, Z=Z, lower=lower, upper=upper: np.concatenate(
+                [upper - a - Z @ z, a + Z @ z - lower]
             ),
         }
         start = np.zeros(Z.shape[1])
@@ -128,28 +222,43 @@ def test_posture_is_the_best_in_what_the_hand_leaves_free():
         assert cost(start) <= best.fun + 1e-5 * (1.0 + abs(best.fun))
 
 
+@pytest.mark.parametrize("name", BODIES)
+def test_another_solver_by_name_agrees(name):
+    compared = 0
+    for rows in (False, True):
+        for state in _states(name, 15, 8, rows=rows):
+            one = state.solve(state.x2)
+            other = state.solve(state.x2, solver="daqp")
+            if other.failures == 0:
+                assert state.J @ other.a == pytest.approx(state.J @ one.a, abs=1e-3)
+                compared += 1
+    assert compared > 20
+
+
 def test_weights_decide_who_moves():
     # Two joints in one direction, the second is unwilling.
     J1 = np.zeros((6, 7))
     J1[:, :6] = np.eye(6)
     J1[0, 6] = 1.0
-    box = Box([-10.0] * 7, [10.0] * 7)
+    box = Box(np.full(7, -10.0), np.full(7, 10.0))
     H = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 4.0])
     # Without a wish of its own, the posture keeps its weight out of it.
-    hierarchy = Hierarchy(H=H, W=1e-9 * np.ones(7), rotation_scale_m=1.0)
+    hierarchy = Hierarchy(H=H, W=1e-9 * np.ones(7))
     x1 = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    a = hierarchy.solve(J1, x1, np.zeros(7), np.zeros(7), box).a
+    level = Level(J1, x1, ONES, np.ones(7, dtype=bool))
+    a = hierarchy.solve([level], np.zeros(7), box, None).a
     assert a[[0, 6]] == pytest.approx([0.8, 0.2], abs=1e-6)
 
 
 def test_half_of_the_way_is_reported_as_half():
-    J1 = np.eye(6, 7)
-    hierarchy = Hierarchy(H=np.ones(7), W=np.ones(7), rotation_scale_m=1.0)
-    box = Box([-0.5] * 7, [0.5] * 7)
+    hierarchy = Hierarchy(H=np.ones(7), W=np.ones(7))
+    box = Box(np.full(7, -0.5), np.full(7, 0.5))
     x1 = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     x2 = np.array([0, 0, 0, 0, 0, 0, 2.0])
-    solution = hierarchy.solve(J1, x1, x2, np.zeros(7), box)
-    assert solution.scaling == pytest.approx((0.5, 0.25), abs=1e-3)
+    moves = np.array([True] * 6 + [False])
+    solution = hierarchy.solve([Level(np.eye(6, 7), x1, ONES, moves)], x2, box, None)
+    assert solution.scaling == pytest.approx([0.5, 0.25], abs=1e-3)
+    assert solution.a == pytest.approx([0.5, 0, 0, 0, 0, 0, 0.5], abs=1e-6)
 
 
 def test_null_space_and_damping():

@@ -60,7 +60,7 @@ def test_stopping_speed_never_passes_the_limit_in_one_tick(distance, acceleratio
 @given(st.lists(st.tuples(limits, numbers, numbers), min_size=1, max_size=7))
 def test_the_box_is_never_empty_and_respects_acceleration(joints):
     box = JointBounds([limit for limit, _, _ in joints], dt_s=DT_S).compute(
-        [q for _, q, _ in joints], [a for _, _, a in joints]
+        np.array([q for _, q, _ in joints]), np.array([a for _, _, a in joints])
     )
     for (limit, _, a_prev), low, high in zip(joints, box.lower, box.upper, strict=True):
         assert low <= high
@@ -79,7 +79,7 @@ def test_whatever_is_chosen_from_the_box_stays_inside(limit, where, choices):
     bounds = JointBounds([limit], dt_s=DT_S)
     q, a = limit.lower + where * (limit.upper - limit.lower), 0.0
     for choice in choices:
-        box = bounds.compute([q], [a])
+        box = bounds.compute(np.array([q]), np.array([a]))
         low, high = box.lower[0], box.upper[0]
         # Extremes are where limits fail.
         chosen = low if choice < 0.3 else high if choice > 0.7 else low + choice * (high - low)
@@ -97,10 +97,33 @@ def test_a_joint_outside_returns_without_a_jump(over, a, above):
     sign = 1.0 if above else -1.0
     q = sign * (1.0 + over)
     for _ in range(300):
-        box = bounds.compute([q], [a])
+        box = bounds.compute(np.array([q]), np.array([a]))
         a = min(max(sign * 5.0, box.lower[0]), box.upper[0])
         q += DT_S * a
     assert sign * q <= 1.0 + 1e-4
+
+
+@given(
+    st.floats(0.02, 0.5),
+    st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(-0.05, 0.05)), min_size=100, max_size=300),
+)
+def test_the_command_never_runs_away_from_the_measurement(lead, ticks):
+    # A blocked joint: whatever is chosen, and wherever it is pushed, its command stays near.
+    limit = JointLimits(-1.0, 1.0, 2.0, 10.0, lead)
+    bounds = JointBounds([limit], dt_s=DT_S)
+    reach = lead + braking_distance(2.0, 10.0, DT_S)
+    q, a, moved = 0.0, 0.0, 0.0
+    for choice, push in ticks:
+        measured = np.array([push])
+        box = bounds.compute(np.array([q]), np.array([a]), measured)
+        assert box.lower[0] <= box.upper[0]
+        a = box.lower[0] if choice < 0.1 else box.upper[0]
+        q += DT_S * a
+        moved = max(moved, abs(q))
+        # It follows pushes of up to 5 cm with its own acceleration.
+        assert abs(q - push) <= reach + 0.1 + 1e-9
+        assert abs(q) <= 1.0 + 1e-12
+    assert moved > 0.0
 
 
 @given(
@@ -111,10 +134,11 @@ def test_cut_line_holds_exactly_the_points_inside(joints, z):
     a = np.array([value for value, _, _, _ in joints])
     # Slopes that are not zero but nearly are decided by rounding.
     slope = np.array([round(value, 3) for _, value, _, _ in joints])
-    box = Box([low for _, _, low, _ in joints], [low + width for _, _, low, width in joints])
+    low = np.array([low for _, _, low, _ in joints])
+    box = Box(low, low + np.array([width for _, _, _, width in joints]))
     interval = box.cut_line(a, slope)
     point = a + z * slope
-    margin = np.minimum(point - np.array(box.lower), np.array(box.upper) - point)
+    margin = np.minimum(point - box.lower, box.upper - point)
     if (margin > 1e-9).all():
         assert interval is not None
         assert interval[0] <= z <= interval[1]
@@ -125,7 +149,8 @@ def test_cut_line_holds_exactly_the_points_inside(joints, z):
 @given(st.lists(st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(0, 2)), min_size=1))
 def test_clip_gives_the_nearest_point_of_the_box(joints):
     a = np.array([value for value, _, _ in joints])
-    box = Box([low for _, low, _ in joints], [low + width for _, low, width in joints])
+    low = np.array([low for _, low, _ in joints])
+    box = Box(low, low + np.array([width for _, _, width in joints]))
     clipped = box.clip(a)
     assert np.array_equal(clipped, np.clip(a, box.lower, box.upper))
     assert box.contains(clipped)

@@ -11,7 +11,8 @@ import pytest
 from common.errors import BadRobotFile
 from common.robots import load_robot
 from common.se3 import apply_differential, distance, make_pose, pose_to_wire
-from services.retarget.whole_body import RobotModel, WholeBodyRetargeter
+from services.retarget.robot_model import RobotModel
+from services.retarget.whole_body import WholeBodyRetargeter
 from tests.retarget_runs import follow_actions, make_panda, rest, wandering_actions
 
 START = load_robot("panda").start_positions

@@ -1,0 +1,144 @@
+"""Margins: how near the joints come to their limits along recorded demonstrations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.clock import FRAME_TICKS
+from common.se3 import Array, distance
+from common.tasks import load_task
+from common.tasks.recording import Recording, list_recordings, load_recording
+from services.retarget.check.ranges import find_nearest
+from services.retarget.check.report import Finding, judge
+from services.retarget.reference import GripperReference
+from services.retarget.robot_model import RobotModel
+from services.retarget.whole_body import WholeBodyRetargeter
+
+P95_LIMIT_M = 0.005
+LARGEST_LIMIT_M = 0.020
+AT_LIMIT = 1e-4
+"""What counts as standing at a limit [rad, m]."""
+ROUNDING = 1e-9
+
+_REST_TICKS = 20
+"""After the last set-point."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the retargeter did along a recording, tick by tick.
+
+    Args:
+        q: (ticks, n) commanded joint positions.
+        error_m: (ticks,) distance of the commanded hand from its reference.
+        error_rad: (ticks,) the same for its orientation.
+        held_back: (ticks,) whether some joint's velocity stood at a bound.
+        failures: Levels that had no solution, in all ticks together.
+    """
+
+    q: Array
+    error_m: Array
+    error_rad: Array
+    held_back: Array
+    failures: int
+
+
+def check_margins(model: RobotModel) -> list[Finding]:
+    """Follow every recording from the start posture, without dynamics, and tell how it went."""
+    findings: list[Finding] = []
+    for task in list_recordings():
+        run = follow_recording(model, load_recording(task))
+        findings += [_tell_margin(model, task, run), _tell_hand(task, run), _tell_bounds(task, run)]
+    return findings
+
+
+def follow_recording(model: RobotModel, recording: Recording) -> Run:
+    """The retargeter's commands along a recording; each one is taken to be carried out exactly."""
+    gains = model.spec.retarget
+    retargeter = WholeBodyRetargeter(model, load_task(recording.task).obstacles)
+    reference = GripperReference(
+        retargeter.T_world_hand, lead_m=gains.setpoint_lead_m, lead_rad=gains.setpoint_lead_rad
+    )
+    q: list[list[float]] = []
+    errors: list[tuple[float, float]] = []
+    held_back: list[bool] = []
+    failures = 0
+    actions = recording.list_actions()
+    for tick in range(len(actions) * FRAME_TICKS + _REST_TICKS):
+        frame, since = divmod(tick, FRAME_TICKS)
+        if since == 0 and frame < len(actions):
+            reference.take([actions[frame]], retargeter.T_world_hand)
+        wanted = reference.advance(retargeter.T_world_hand)
+        motion = retargeter.follow(wanted)
+        q.append(motion.positions)
+        errors.append(distance(wanted.T_world_end, retargeter.T_world_hand))
+        held_back.append(bool(motion.active_limits))
+        failures += motion.failures
+    error_m, error_rad = np.array(errors).T
+    return Run(np.array(q), error_m, error_rad, np.array(held_back), failures)
+
+
+def _tell_margin(model: RobotModel, task: str, run: Run) -> Finding:
+    """A joint may stand at its limit, and is named then, but not beyond it."""
+    margins = np.minimum(run.q - model.lower, model.upper - run.q)
+    nearest = find_nearest(model, margins.min(axis=0))
+    at_limit = np.mean(margins <= AT_LIMIT, axis=0)
+    names = [joint.name for joint in model.spec.joints]
+    stuck = {name: share for name, share in zip(names, at_limit.tolist(), strict=True) if share}
+    text = nearest.text
+    if stuck:
+        told = (f"{name} {share:.0%}" for name, share in stuck.items())
+        text += f"; share of time at a limit: {', '.join(told)}"
+    return Finding(
+        group="margins",
+        name=f"{task} joints",
+        status=judge(nearest.margin >= -ROUNDING),
+        text=text,
+        values={
+            "joint": nearest.name,
+            "margin": nearest.margin,
+            "share": nearest.share,
+            "margins": dict(zip(names, margins.min(axis=0).tolist(), strict=True)),
+            "at_limit_share": stuck,
+        },
+    )
+
+
+def _tell_hand(task: str, run: Run) -> Finding:
+    p95_m, largest_m = float(np.quantile(run.error_m, 0.95)), float(run.error_m.max())
+    p95_rad, largest_rad = float(np.quantile(run.error_rad, 0.95)), float(run.error_rad.max())
+    good = p95_m <= P95_LIMIT_M and largest_m <= LARGEST_LIMIT_M
+    text = (
+        f"off its reference by {1e3 * p95_m:.2f} mm, {p95_rad:.4f} rad (p95), "
+        f"{1e3 * largest_m:.2f} mm, {largest_rad:.4f} rad (largest)"
+    )
+    if not good:
+        text += f"; expected {1e3 * P95_LIMIT_M:g} and {1e3 * LARGEST_LIMIT_M:g} mm at most"
+    return Finding(
+        group="margins",
+        name=f"{task} hand",
+        status=judge(good),
+        text=text,
+        values={
+            "p95_m": p95_m,
+            "largest_m": largest_m,
+            "p95_rad": p95_rad,
+            "largest_rad": largest_rad,
+        },
+    )
+
+
+def _tell_bounds(task: str, run: Run) -> Finding:
+    share = float(np.mean(run.held_back))
+    text = (
+        f"{share:.0%} of ticks held back by a joint, wall or link; {run.failures} without solution"
+    )
+    return Finding(
+        group="margins",
+        name=f"{task} bounds",
+        status=judge(run.failures == 0),
+        text=text,
+        values={"held_back_share": share, "failures": run.failures},
+    )

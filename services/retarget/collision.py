@@ -1,0 +1,148 @@
+"""Distances between the robot's own geoms, and to the fixed obstacles of the task."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import coal
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from common.errors import BadRobotFile
+from common.se3 import Array
+from common.tasks import Obstacle
+from services.retarget.approach import ApproachLimit
+from services.retarget.robot_model import RobotModel
+from services.retarget.rows import Approach
+
+_GEOM = mujoco.mjtGeom
+
+
+class Collisions:
+    """Pairs that are kept apart: those of `[collision]` in robot.toml.
+
+    Row of a pair: n' (J_p1 - J_p2) a <= speed, with the witness points p1, p2 and n from p1 to p2.
+    A pair gets one when it approaches, or could begin to in one tick, faster than it may.
+
+    Args:
+        model: The robot.
+        obstacles: Fixed boxes of the task.
+        limit: Distance to speed of approach.
+
+    Raises:
+        BadRobotFile: A geom is neither capsule, sphere, cylinder nor box.
+    """
+
+    def __init__(
+        self, model: RobotModel, obstacles: Sequence[Obstacle], limit: ApproachLimit
+    ) -> None:
+        self._model = model
+        self._limit = limit
+        self._geometry = pin.GeometryModel()
+        spec = model.spec.collision
+        names = dict.fromkeys(name for pair in spec.pairs for name in pair)
+        names |= dict.fromkeys(spec.obstacle_geoms)
+        ids = {name: self._add_geom(name) for name in names}
+        pairs = [(ids[one], ids[other]) for one, other in spec.pairs]
+        for obstacle in obstacles:
+            box = self._add_obstacle(obstacle)
+            pairs += [(ids[name], box) for name in spec.obstacle_geoms]
+        for one, other in pairs:
+            self._geometry.addCollisionPair(pin.CollisionPair(one, other))
+        self._data = self._geometry.createData()
+        self._pairs = [self._describe(pair) for pair in self._geometry.collisionPairs]
+        self._change_m_s = [self._bound_change(one, other) for _, one, other in self._pairs]
+        self._distances_m: list[float] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._pairs)
+
+    def list_near(self) -> list[Approach]:
+        """Pairs that matter in this tick, at the configuration of `RobotModel.update`."""
+        model = self._model
+        pin.updateGeometryPlacements(model.pin, model.data, self._geometry, self._data)
+        pin.computeDistances(self._geometry, self._data)
+        results = self._data.distanceResults
+        distances_m = [results[i].min_distance for i in range(len(self._pairs))]
+        before_m, self._distances_m = self._distances_m or distances_m, distances_m
+        near: list[Approach] = []
+        for i, (distance_m, before) in enumerate(zip(distances_m, before_m, strict=True)):
+            speed = self._limit.speed(distance_m)
+            approach = max(before - distance_m, 0.0) / self._limit.dt_s
+            if speed < approach + self._change_m_s[i]:
+                near.append(self._make_row(i, results[i], distance_m, speed))
+        return near
+
+    def _make_row(self, index: int, result: Any, distance_m: float, speed: float) -> Approach:
+        name, one, other = self._pairs[index]
+        n: Array = result.normal
+        row = self._project(one, result.getNearestPoint1(), n)
+        row = row - self._project(other, result.getNearestPoint2(), n)
+        return Approach(row, distance_m, speed, name)
+
+    def _project(self, joint: int, point: Array, n: Array) -> Array:
+        """n' J_p (n,) of a point that a joint carries."""
+        if joint == 0:
+            return np.zeros(self._model.pin.nv)
+        model = self._model
+        J = pin.getJointJacobian(model.pin, model.data, joint, pin.LOCAL_WORLD_ALIGNED)
+        arm = point - model.data.oMi[joint].translation
+        return n @ J[:3] + np.cross(arm, n) @ J[3:]
+
+    def _describe(self, pair: Any) -> tuple[str, int, int]:
+        one = self._geometry.geometryObjects[pair.first]
+        other = self._geometry.geometryObjects[pair.second]
+        return f"{one.name}-{other.name}", int(one.parentJoint), int(other.parentJoint)
+
+    def _bound_change(self, one: int, other: int) -> float:
+        """More than the pair's speed of approach can change in one tick [m/s].
+
+        Every joint between the two moves the other by at most the length of the chain beyond it.
+        """
+        model = self._model.pin
+        chain = sorted(set(model.supports[one]) ^ set(model.supports[other]))
+        change = 0.0
+        for joint in chain:
+            spec = self._model.spec.joints[model.joints[joint].idx_v]
+            beyond = [model.jointPlacements[b].translation for b in chain if b > joint]
+            reach_m = _EXTENT_M + sum(float(np.linalg.norm(offset)) for offset in beyond)
+            if "Prismatic" in model.joints[joint].shortname():
+                reach_m = 1.0
+            change += spec.acceleration_limit * self._limit.dt_s * reach_m
+        return change
+
+    def _add_geom(self, name: str) -> int:
+        joint, placement = self._model.place_geom(name)
+        shape = _make_shape(self._model, name)
+        return self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, shape))
+
+    def _add_obstacle(self, obstacle: Obstacle) -> int:
+        x, y, z = obstacle.half_size_m
+        box = coal.Box(2.0 * x, 2.0 * y, 2.0 * z)
+        placement = pin.SE3(obstacle.T_world_box)
+        return self._geometry.addGeometryObject(
+            pin.GeometryObject(obstacle.name, 0, placement, box)
+        )
+
+
+_EXTENT_M = 0.2
+"""About how far a link reaches beyond its joint."""
+
+
+def _make_shape(model: RobotModel, name: str) -> Any:
+    geom = model.mj.geom(name).id
+    radius, half, height = model.mj.geom_size[geom].tolist()
+    kind = int(model.mj.geom_type[geom])
+    if kind == int(_GEOM.mjGEOM_SPHERE):
+        return coal.Sphere(radius)
+    if kind == int(_GEOM.mjGEOM_CAPSULE):
+        return coal.Capsule(radius, 2.0 * half)
+    if kind == int(_GEOM.mjGEOM_CYLINDER):
+        return coal.Cylinder(radius, 2.0 * half)
+    if kind == int(_GEOM.mjGEOM_BOX):
+        return coal.Box(2.0 * radius, 2.0 * half, 2.0 * height)
+    raise BadRobotFile(
+        model.spec.name, f"geom {name}", "is neither sphere, capsule, cylinder nor box"
+    )

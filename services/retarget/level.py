@@ -1,0 +1,23 @@
+"""A task of the hierarchy: some velocity that joint velocities should produce."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from common.se3 import Array
+
+
+class Level(NamedTuple):
+    """J a = x, as well as possible in the metric |T (J a - x)|.
+
+    Args:
+        J: (m, n) Jacobian.
+        x: (m,) wanted velocity.
+        T: (m,) weight of each row, so that rotations and translations can be compared.
+        moves: (n,) mask of the joints whose column of J can be non-zero, ever.
+    """
+
+    J: Array
+    x: Array
+    T: Array
+    moves: Array
