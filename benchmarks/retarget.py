@@ -24,7 +24,7 @@ import numpy as np
 
 from benchmarks.machine import describe_machine
 from benchmarks.retarget_costs import print_costs
-from benchmarks.retarget_motions import KINDS, Kind, make_motion
+from benchmarks.retarget_motions import KINDS, Kind, find_seeds, make_motion
 from benchmarks.retarget_peers import INSTALL_MINK, MinkPeer, PinkPeer
 from benchmarks.retarget_runs import Entry, Ours, Run, pool, run_in_turn
 from benchmarks.retarget_workspaces import print_workspaces
@@ -74,11 +74,11 @@ def load_bare_robot(name: str) -> RobotModel:
     )
 
 
-def compare(model: RobotModel, kind: Kind, *, seeds: int, ticks: int) -> dict[str, Run]:
+def compare(model: RobotModel, kind: Kind, *, seeds: list[int], ticks: int) -> dict[str, Run]:
     """All retargeters on one kind of motion."""
     T_world_start = model.compute_tool_pose(np.array(model.spec.start_positions))
     runs: list[dict[str, Run]] = []
-    for seed in range(seeds):
+    for seed in seeds:
         motion = make_motion(kind, T_world_start, seed=seed, ticks=ticks)
         entries: dict[str, Entry] = {
             OURS: (Ours(model), motion.targets),
@@ -139,7 +139,7 @@ def _compare_unsaturated(table: Table, other: str) -> float:
     for robot in ROBOTS:
         ours = pool([table[robot, kind][OURS] for kind in KINDS])
         theirs = pool([table[robot, kind][other] for kind in KINDS])
-        free = ~ours.saturated
+        free = np.logical_not(ours.saturated)
         ratios.append(float(np.median(ours.times_us[free]) / np.median(theirs.times_us[free])))
     return _geometric_mean(ratios)
 
@@ -174,14 +174,18 @@ def main() -> None:
     print(describe_machine(["pin", "piqp", "qpsolvers", "daqp", "pin-pink", "scipy", "numpy"]))
     print(f"mink {describe_mink() or f'not installed: {INSTALL_MINK}'}")
     models = {name: load_bare_robot(name) for name in ROBOTS}
+    seeds = {
+        name: find_seeds(model, count=args.seeds, ticks=args.ticks)
+        for name, model in models.items()
+    }
     table: Table = {
-        (name, kind): compare(model, kind, seeds=args.seeds, ticks=args.ticks)
+        (name, kind): compare(model, kind, seeds=seeds[name], ticks=args.ticks)
         for name, model in models.items()
         for kind in KINDS
     }
     for name, model in models.items():
         robot = f"{name} ({model.spec.nv} joints)"
-        print(f"\n== {robot}, {args.seeds} motions of each kind, {args.ticks} ticks")
+        print(f"\n== {robot}, {args.ticks} ticks, motions {seeds[name]} of each kind")
         shares = (f"{kind} {table[name, kind][OURS].saturated.mean():.0%}" for kind in KINDS)
         print(f"ticks of ours with a joint at a bound: {', '.join(shares)}")
         print_table(table, name, "median us of a step (p99 / median)", "time")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Literal, get_args
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from common.clock import FRAME_TICKS, TICK_S
 from common.se3 import Array, exp3, log3
 from services.retarget.reference import TickReference, WaypointInterpolator
+from services.retarget.robot_model import RobotModel
 
 Kind = Literal["sine", "set-points", "fast", "near limits", "unreachable"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -18,6 +19,9 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 _FADE_IN_S = 0.5
 _RAMP_M = (0.7, 0.1, 0.2)
 _RAMP_S = 3.0
+_ITERATIONS = 3
+_DAMPING = 1e-6
+_REACHED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -45,8 +49,8 @@ def make_motion(kind: Kind, T_world_start: Array, *, seed: int, ticks: int) -> H
     frequency, `near limits` 2.2 and 2 times the amplitude, `unreachable` half the amplitude and a
     ramp to a point that no arm reaches.
 
-    `set-points` are the smooth motion at 10 Hz. Each says where to be when the next one comes, as an
-    action of a policy does. As targets they are held; fed forward they are interpolated.
+    `set-points` are the smooth motion at 10 Hz. Each says where to be when the next one comes, as
+    an action of a policy does. As targets they are held; fed forward they are interpolated.
 
     Args:
         kind: Which motion.
@@ -84,6 +88,38 @@ def make_motion(kind: Kind, T_world_start: Array, *, seed: int, ticks: int) -> H
     return HandMotion(kind, poses, _hold(list(poses[:-1])), _differentiate(poses))
 
 
+def find_seeds(model: RobotModel, *, count: int, ticks: int) -> list[int]:
+    """The first seeds whose smooth motion is within the robot's reach.
+
+    A plain damped least-squares iteration within the joint ranges must follow it to 1 mm and
+    1 mrad, at any speed. Faster and larger motions of these seeds may well ask for too much.
+    """
+    T_world_start = model.compute_tool_pose(np.array(model.spec.start_positions))
+    seeds: list[int] = []
+    for seed in itertools.count():
+        motion = make_motion("sine", T_world_start, seed=seed, ticks=ticks)
+        if _is_within_reach(model, motion.poses):
+            seeds.append(seed)
+        if len(seeds) == count:
+            break
+    return seeds
+
+
+def _is_within_reach(model: RobotModel, poses: Array) -> bool:
+    q = np.array(model.spec.start_positions)
+    for T_world_wanted in poses:
+        e = np.zeros(6)
+        for _ in range(_ITERATIONS):
+            T, J = model.compute_hand(q)
+            e_R = log3(T_world_wanted[:3, :3] @ T[:3, :3].T)
+            e = np.concatenate([T_world_wanted[:3, 3] - T[:3, 3], e_R])
+            step = J.T @ np.linalg.solve(J @ J.T + _DAMPING * np.eye(6), e)
+            q = np.clip(q + step, model.lower, model.upper)
+        if np.abs(e).max() > _REACHED:
+            return False
+    return True
+
+
 def _hold(targets: list[Array]) -> list[TickReference]:
     return [TickReference(T, T, np.zeros(6)) for T in targets]
 
@@ -105,5 +141,5 @@ def _differentiate(poses: Array) -> list[TickReference]:
             then,
             np.concatenate([then[:3, 3] - now[:3, 3], log3(then[:3, :3] @ now[:3, :3].T)]) / TICK_S,
         )
-        for now, then in pairwise(poses)
+        for now, then in itertools.pairwise(poses)
     ]

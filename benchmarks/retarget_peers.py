@@ -19,7 +19,7 @@ from services.retarget.reference import TickReference
 from services.retarget.robot_model import RobotModel
 
 INSTALL_MINK = "pip install --no-deps mink==1.3.0"
-"""Without its dependencies: it asks for the package mujoco, which overwrites mujoco-core's files."""
+"""Without dependencies: it asks for the package mujoco, which overwrites mujoco-core's files."""
 
 POSTURE_COST = 1e-3
 
@@ -41,9 +41,9 @@ class Follower(Protocol):
 class PinkPeer:
     """Pink with position, velocity and its opt-in acceleration limits.
 
-    Gain and costs are Pink's defaults: unit costs of position and orientation, no damping. The
-    posture has a small cost and the gain of our own posture level. After a tick without solution the
-    robot is held and Pink told so; otherwise its acceleration limit stays infeasible.
+    Unit costs of position and orientation, gain 1 and no damping, as its class has by default. The
+    posture has a small cost and the gain of our own posture level. After a tick without solution
+    the robot is held and Pink told so; otherwise its acceleration limit stays infeasible.
 
     Args:
         model: The robot.

@@ -12,6 +12,7 @@ import piqp
 
 from benchmarks.retarget_motions import KINDS, make_motion
 from benchmarks.retarget_runs import Ours
+from services.retarget.reference import TickReference
 from services.retarget.robot_model import RobotModel
 
 
@@ -63,7 +64,7 @@ def _measure_growth(model: RobotModel, *, ticks: int) -> int:
     return after - before
 
 
-def _list_references(model: RobotModel, *, ticks: int):
+def _list_references(model: RobotModel, *, ticks: int) -> list[TickReference]:
     T_world_start = model.compute_tool_pose(np.array(model.spec.start_positions))
     return [
         reference

@@ -5,7 +5,7 @@ The kinematics and the checks are imported when they are used.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,7 +63,7 @@ def summarize_robot(spec: RobotSpec) -> RobotSummary:
 
 
 @contextmanager
-def _extra_installed() -> Iterator[None]:
+def _extra_installed() -> Generator[None]:
     try:
         yield
     except ModuleNotFoundError as error:

@@ -151,7 +151,7 @@ _CUP = (
         pitch_rad=_deg(0.0, 40.0),
         width_m=0.010,
     ),
-    # The cabinet opens at its +y. The cup stands 5 cm before its middle, the handle towards the hand.
+    # The cabinet opens at its +y. The cup stands 5 cm before its middle, its handle to the hand.
     Region(
         task="cup",
         name="place",
@@ -169,8 +169,8 @@ _CUP = (
 )
 
 _LADLE = (
-    # The object is the pot that the ladle leans on, turned with the ladle. Its shaft heads 41 deg to
-    # the left and rises 42 deg, so that fingers pitched 48 deg stand across it.
+    # The object is the pot that the ladle leans on, turned with the ladle, whose shaft heads 41 deg
+    # to the left and rises 42 deg: fingers pitched 48 deg stand across it.
     Region(
         task="ladle",
         name="grasp",
@@ -184,7 +184,7 @@ _LADLE = (
         pitch_rad=_deg(30.0, 60.0),
         width_m=0.040,
     ),
-    # The case, its long side along y. The handle comes to lie at the near end, 2 cm above its floor.
+    # The case, its long side along y. The handle comes to its near end, 2 cm above where it lies.
     Region(
         task="ladle",
         name="place",

@@ -44,7 +44,8 @@ class AnchorLevel:
     """
 
     def __init__(self, *, n: int, make_program: Callable[[bool], Program]) -> None:
-        self._program = make_program(False)
+        # Where bounds and rows leave no room, the duality gap cannot close to the last digits.
+        self._programs = (make_program(False), make_program(True))
         size = n + CAPACITY
         self._n = n
         self._P = np.diag([STOP_WEIGHT] * n + [1.0] * CAPACITY)
@@ -63,14 +64,11 @@ class AnchorLevel:
         self._G[:, :n] = rows.C
         c = np.zeros(n + CAPACITY)
         c[:n] = -STOP_WEIGHT * a_stop
-        x = self._program.solve(
-            self._P,
-            c,
-            x_l=self._x_l,
-            x_u=self._x_u,
-            G=self._G,
-            h_u=rows.U,
-        )
+        x = None
+        for program in self._programs:
+            x = program.solve(self._P, c, x_l=self._x_l, x_u=self._x_u, G=self._G, h_u=rows.U)
+            if x is not None:
+                break
         a = a_stop if x is None else box.clip(x[:n])
         needed = np.maximum(rows.C @ a - rows.U, 0.0)
         return Anchor(a, rows.slackened(np.where(needed > 0.0, needed + _ROOM, 0.0)), x is None)

@@ -88,8 +88,11 @@ class Collisions:
             return np.zeros(self._model.pin.nv)
         model = self._model
         J = pin.getJointJacobian(model.pin, model.data, joint, pin.LOCAL_WORLD_ALIGNED)
-        arm = point - model.data.oMi[joint].translation
-        return n @ J[:3] + np.cross(arm, n) @ J[3:]
+        x, y, z = (point - model.data.oMi[joint].translation).tolist()
+        n_x, n_y, n_z = n.tolist()
+        # n' (v + w x r) = n' v + (r x n)' w
+        turning = (y * n_z - z * n_y, z * n_x - x * n_z, x * n_y - y * n_x)
+        return np.array([n_x, n_y, n_z, *turning]) @ J
 
     def _describe(self, pair: Any) -> tuple[str, int, int]:
         one = self._geometry.geometryObjects[pair.first]

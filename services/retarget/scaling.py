@@ -13,7 +13,7 @@ from services.retarget.program import Program
 from services.retarget.rows import Rows
 
 _FLATTEN = 1e-8
-_ROOM = 1e-8
+_ROOMS = (0.0, 1e-8, 1e-7)
 
 
 class Scaled(NamedTuple):
@@ -64,7 +64,7 @@ class Scaling:
         x_l, x_u = np.full(size, -np.inf), np.full(size, np.inf)
         x_l[0], x_u[0] = 0.0, 1.0
         # A set without any room is only solved when it is given some.
-        for room in (0.0, _ROOM):
+        for room in _ROOMS:
             h_l, h_u = lower - room, upper + room
             x = program.solve(P, -np.eye(size)[0], x_l=x_l, x_u=x_u, G=G, h_l=h_l, h_u=h_u)
             if x is not None:

@@ -9,13 +9,12 @@ import pytest
 
 from common.calibration import R_TOOL_CAMERA, load_calibration
 from common.clock import TICK_S
-from common.messages import ActionStep
 from common.robots import load_robot
 from common.robots.compile import compile_robot, compute_tool_pose
-from common.se3 import differential, distance, exp3, make_pose, matrix_from_quat, pose_from_wire
+from common.se3 import distance, exp3, make_pose, matrix_from_quat, pose_from_wire
 from common.tasks import load_task
 from services.policy.min_jerk import MinJerkSegment
-from services.retarget.reference import GripperReference
+from services.retarget.reference import WaypointInterpolator
 from services.retarget.retargeter import Motion
 from services.retarget.whole_body import RobotModel, WholeBodyRetargeter
 from services.sim.world import World
@@ -73,14 +72,11 @@ def journey(spec):
     way = MinJerkSegment(T_start, T_end, speed_m_s=0.25, turn_rad_s=1.2, period_s=0.1)
     retargeter = WholeBodyRetargeter(RobotModel(spec))
     retargeter.start(spec.start_positions)
-    reference = GripperReference(T_start)
+    reference = WaypointInterpolator(T_start)
     world = World(task=load_task("lid"), robot=spec, seed=0)
     motions, errors_m = [], []
-    for step in range(way.steps):
-        translation, rotation = differential(way.pose(step), way.pose(step + 1))
-        reference.take(
-            [ActionStep(translation_m=[*translation], rotation_rad=[*rotation], grasp=False)]
-        )
+    for step in range(1, way.steps + 1):
+        reference.aim(way.pose(step))
         for _ in range(10):
             tick = reference.advance()
             motions.append(retargeter.follow(tick))

@@ -40,7 +40,7 @@ class InverseKinematics:
         starts: Random postures that are tried after the given ones.
     """
 
-    def __init__(self, model: RobotModel, *, starts: int = 6) -> None:
+    def __init__(self, model: RobotModel, *, starts: int) -> None:
         self._model = model
         random = np.random.default_rng(3)
         joints = model.spec.joints
@@ -90,9 +90,9 @@ class InverseKinematics:
         blocked = ((q <= lower + _AT_LIMIT) & (downhill < 0.0)) | (
             (q >= upper - _AT_LIMIT) & (downhill > 0.0)
         )
-        J = np.where(blocked, 0.0, J)
-        A = J @ J.T
+        J_free = np.where(blocked, 0.0, J)
+        A = J_free @ J_free.T
         A.flat[::7] += 0.5 * squared + _DAMPING
-        dq = J.T @ np.linalg.solve(A, e)
+        dq = J_free.T @ np.linalg.solve(A, e)
         dq *= min(1.0, _STEP / max(float(np.abs(dq).max()), 1e-12))
         return np.minimum(np.maximum(q + dq, lower), upper)

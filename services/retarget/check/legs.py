@@ -5,19 +5,24 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from common.errors import FootholdOutOfReach
 from common.robots.compile import find_positions
 from common.robots.leg import Leg, read_legs
 from common.se3 import Array
+from services.retarget.check.postures import bound_ranges
 from services.retarget.check.report import Finding, Value, judge
 from services.retarget.robot_model import RobotModel
 
 FOOT_TOLERANCE_M = 1e-6
 RANDOM_POSES = 300
+
+_Mask: TypeAlias = npt.NDArray[np.bool_]
 
 
 @dataclass
@@ -73,7 +78,7 @@ def _place(mj: mujoco.MjModel, data: mujoco.MjData, leg: Leg, body: int, seen: _
             seen.margin_rad, seen.joint = margin, name
 
 
-def _list_body_poses(model: RobotModel, bodies: list[int]) -> Iterator[tuple[Array, Array]]:
+def _list_body_poses(model: RobotModel, bodies: list[int]) -> Iterator[tuple[Array, _Mask]]:
     """Positions of the joints that move a hip, and which these are: (n,) mask."""
     above: set[int] = set()
     for body in bodies:
@@ -83,7 +88,7 @@ def _list_body_poses(model: RobotModel, bodies: list[int]) -> Iterator[tuple[Arr
     mask = np.array(
         [int(model.mj.joint(joint.name).bodyid[0]) in above for joint in model.spec.joints]
     )
-    lower, upper = model.lower[mask], model.upper[mask]
+    lower, upper = bound_ranges(model.lower[mask], model.upper[mask])
     for corner in itertools.product(*zip(lower.tolist(), upper.tolist(), strict=True)):
         yield np.array(corner), mask
     random = np.random.default_rng(2)

@@ -18,7 +18,7 @@ from services.retarget.whole_body import WholeBodyRetargeter
 
 P95_LIMIT_M = 0.005
 LARGEST_LIMIT_M = 0.020
-AT_LIMIT = 1e-4
+AT_LIMIT = 1e-3
 """What counts as standing at a limit [rad, m]."""
 ROUNDING = 1e-9
 

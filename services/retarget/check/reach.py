@@ -18,6 +18,8 @@ TABLE_HEIGHT_M = 0.82
 """Height at which the largest reach is told: above the tables of all tasks."""
 
 _HEADINGS_RAD = [math.radians(each) for each in (-60, -30, 0, 30, 60)]
+_STARTS = 24
+"""For a pose that seems out of reach: with 40 no more are found."""
 _NEAREST_M, _FARTHEST_M, _STRIDE_M = 0.4, 2.0, 0.02
 
 
@@ -27,7 +29,7 @@ def check_reach(model: RobotModel, regions: Sequence[Region] = REGIONS) -> list[
     Joint limits are kept, collisions are not looked at. A region is reachable when every point is
     reached with at least one of the hand's turns.
     """
-    inverse = InverseKinematics(model)
+    inverse = InverseKinematics(model, starts=_STARTS)
     return [_check_region(inverse, region) for region in regions]
 
 
