@@ -48,7 +48,7 @@ def check(command: RobotCheck) -> int:
     """Check one robot and tell what was found."""
     report = check_robot(find_robot(command.robot))
     if command.json:
-        sys.stdout.write(json.dumps(report.to_json()) + "\n")
+        sys.stdout.write(json.dumps(report.to_json(), allow_nan=False) + "\n")
     else:
         sys.stdout.write(report.to_text())
     return 1 if report.problems else 0

@@ -2,10 +2,33 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal, Self, TypeVar
 
-from annotated_types import Ge, Len
-from pydantic import BaseModel, ConfigDict, StringConstraints
+from annotated_types import Ge, Le, Len
+from pydantic import AfterValidator, BaseModel, ConfigDict, StringConstraints
+
+_UNIT_TOLERANCE = 1e-3
+
+Pose = TypeVar("Pose", bound=Sequence[float])
+
+
+def has_unit_quaternion(pose: Sequence[float]) -> bool:
+    """Whether the quaternion of `[x, y, z, qw, qx, qy, qz]` has length 1, up to rounding."""
+    return abs(math.hypot(*pose[3:7]) - 1.0) <= _UNIT_TOLERANCE
+
+
+def check_pose(pose: Pose) -> Pose:
+    """Give a pose `[x, y, z, qw, qx, qy, qz]` back if it is one.
+
+    Raises:
+        ValueError: Its quaternion is not normalised.
+    """
+    if not has_unit_quaternion(pose):
+        raise ValueError(f"the quaternion has length {math.hypot(*pose[3:7]):g}, expected 1")
+    return pose
+
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}$")]
 """A name that may stand in a key: a cell, a node, a robot, a task, a policy."""
@@ -13,10 +36,15 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.@-]{0,
 Vector3 = Annotated[list[float], Len(3, 3)]
 """Three numbers; the field's name says the frame and the unit."""
 
-PoseWire = Annotated[list[float], Len(7, 7)]
+PoseWire = Annotated[list[float], Len(7, 7), AfterValidator(check_pose)]
 """A pose `[x, y, z, qw, qx, qy, qz]`: metres and a unit quaternion wxyz."""
 
-Joints = Annotated[list[float], Len(1, 64)]
+LARGEST_JOINT_VALUE = 1000.0
+"""No joint is further away or faster [rad, m, rad/s, m/s]: whatever is, is not a measurement."""
+
+Joints = Annotated[
+    list[Annotated[float, Ge(-LARGEST_JOINT_VALUE), Le(LARGEST_JOINT_VALUE)]], Len(1, 64)
+]
 """One number per degree of freedom, in the order of the robot's model."""
 
 Natural = Annotated[int, Ge(0)]

@@ -1,15 +1,23 @@
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from typing import Annotated, Self
 
 from annotated_types import Ge, Len
-from pydantic import BaseModel
+from pydantic import BaseModel, model_validator
 
 from common.messages.base import MODEL_CONFIG, Message, PoseWire, Reply, Vector3
 
+LARGEST_STEP_M = 1.0
+LARGEST_STEP_RAD = math.pi + 1e-6
+"""A rotation vector is no longer, but for rounding."""
+
 
 class ActionStep(BaseModel):
-    """One 10 Hz step from the gripper's set-point to the next, in the frame of the first."""
+    """One 10 Hz step from the gripper's set-point to the next, in the frame of the first.
+
+    At most 1 m and half a turn: a longer step is not a motion, and no robot is to start on it.
+    """
 
     model_config = MODEL_CONFIG
 
@@ -18,6 +26,18 @@ class ActionStep(BaseModel):
     """Rotation vector."""
     grasp: bool
     """True = close."""
+
+    @model_validator(mode="after")
+    def _is_a_motion(self) -> Self:
+        for what, step, most in (
+            ("translation_m", self.translation_m, LARGEST_STEP_M),
+            ("rotation_rad", self.rotation_rad, LARGEST_STEP_RAD),
+        ):
+            if math.hypot(*step) > most:
+                raise ValueError(
+                    f"{what} has length {math.hypot(*step):.3g}, expected at most {most:.3g}"
+                )
+        return self
 
 
 class PolicyAction(Reply):

@@ -20,10 +20,10 @@ _SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SL
 def compile_robot(spec: RobotSpec) -> mujoco.MjModel:
     """Compile model.xml, the robot alone, and check that it and robot.toml agree.
 
-    Checked: every number finite; angles in radians; no actuators; the joints of both files are the
-    same in the same order, joints of legs set aside; no range empty; start and bias within the
-    joint ranges; every site and geom that robot.toml names exists; the tool stands at
-    `T_world_start` when the joints are at their start.
+    Checked: every number finite; angles in radians; no actuators; every body and joint has a name;
+    the joints of both files are the same in the same order, joints of legs set aside; no range
+    empty; start and bias within the joint ranges; every site and geom that robot.toml names exists;
+    the tool stands at `T_world_start` when the joints are at their start.
 
     Raises:
         BadRobotFile: Something does not hold; names the joint or element.
@@ -31,6 +31,7 @@ def compile_robot(spec: RobotSpec) -> mujoco.MjModel:
     mj = _compile(spec)
     if mj.nu:
         raise BadRobotFile(spec.name, "actuator", "servos come from robot.toml, not from the MJCF")
+    _check_named(spec, mj)
     if spec.kind == "joints":
         _check_joints(spec, mj)
     expected = spec.nq + len(spec.leg_joints)
@@ -100,6 +101,18 @@ def _walk(element: ElementTree.Element, owner: str) -> Iterator[tuple[ElementTre
     yield element, owner
     for child in element:
         yield from _walk(child, owner)
+
+
+def _check_named(spec: RobotSpec, mj: mujoco.MjModel) -> None:
+    """Bodies become frames that are looked up by name, and errors name them."""
+    for body in range(1, mj.nbody):
+        if not mj.body(body).name:
+            parent = mj.body(int(mj.body_parentid[body])).name
+            raise BadRobotFile(spec.name, f"body in {parent}", "has no name")
+    for joint in range(mj.njnt):
+        if not mj.joint(joint).name:
+            body = mj.body(int(mj.jnt_bodyid[joint])).name
+            raise BadRobotFile(spec.name, f"joint of body {body}", "has no name")
 
 
 def _check_joints(spec: RobotSpec, mj: mujoco.MjModel) -> None:

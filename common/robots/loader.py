@@ -52,7 +52,10 @@ def _whose(place: tuple[int | str, ...], fields: Mapping[str, Any]) -> str:
     """The name of the joint, leg or wall that an entry belongs to, to be added to a message."""
     match place:
         case (str(table), int(index), *_):
-            entry = fields[table][index]
-            return f" (of {entry['name']})" if isinstance(entry, dict) and "name" in entry else ""
+            match fields[table][index]:
+                case {"name": str(name)}:
+                    return f" (of {name})"
+                case _:
+                    return ""
         case _:
             return ""

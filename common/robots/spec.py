@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from annotated_types import Ge, Gt, Len
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, model_validator
 
-from common.messages.base import Name
+from common.messages.base import Name, check_pose
 
 _CONFIG = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 Positive = Annotated[float, Gt(0)]
+Pose = Annotated[tuple[float, ...], Len(7, 7), AfterValidator(check_pose)]
 
 
 class JointSpec(BaseModel):
@@ -159,7 +160,7 @@ class RobotSpec(BaseModel):
     collision: CollisionSpec = CollisionSpec()
     command_latency_s: Annotated[float, Ge(0)] = 0.0
     """From a command to its effect on the robot [s]."""
-    T_world_start: Annotated[tuple[float, ...], Len(7, 7)] = (0.1, -0.3, 0.8, 1.0, 0.0, 0.0, 0.0)
+    T_world_start: Pose = (0.1, -0.3, 0.8, 1.0, 0.0, 0.0, 0.0)
     """Tool pose at the start of an episode, the same for every robot: x y z qw qx qy qz."""
     folder: Path
 

@@ -52,6 +52,8 @@ class Collisions:
         for one, other in pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(one, other))
         self._data = self._geometry.createData()
+        for request in self._data.distanceRequests:
+            request.gjk_tolerance = _WITNESS_TOLERANCE
         self._pairs = [self._describe(pair) for pair in self._geometry.collisionPairs]
         self._change_m_s = [self._bound_change(one, other) for _, one, other in self._pairs]
         self._distances_m: list[float] = []
@@ -130,6 +132,7 @@ class Collisions:
         )
 
 
+_WITNESS_TOLERANCE = 1e-9
 _EXTENT_M = 0.2
 """About how far a link reaches beyond its joint."""
 

@@ -14,6 +14,9 @@ from common.se3 import Array
 
 PIQP = "piqp"
 
+_EPS_NARROW = 1e-10
+_EPS_WIDE = 1e-7
+
 
 class Program(Protocol):
     """min 1/2 x^T P x + c^T x under bounds and rows."""
@@ -38,13 +41,13 @@ class PiqpProgram:
 
     Args:
         narrow: For feasible sets that may be as thin as rounding (what level 1 leaves to level 2):
-            looser tolerances and no test of the duality gap, which has no interior to converge in.
+            no test of the duality gap, which has no interior to close in.
     """
 
     def __init__(self, *, narrow: bool) -> None:
         solver = piqp.DenseSolver()
         settings = solver.settings
-        settings.eps_abs = 1e-8 if narrow else 1e-9
+        settings.eps_abs = _EPS_NARROW if narrow else 1e-9
         settings.eps_rel = 0.0 if narrow else 1e-9
         settings.check_duality_gap = not narrow
         settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = 1e-9
@@ -55,6 +58,7 @@ class PiqpProgram:
         settings.preconditioner_iter = 10
         settings.reg_lower_limit = settings.reg_finetune_lower_limit = 1e-13
         self._solver = solver
+        self._narrow = narrow
         self._is_set_up = False
 
     def solve(self, P: Array, c: Array, **constraints: Array) -> Array | None:
@@ -68,9 +72,13 @@ class PiqpProgram:
         else:
             self._solver.setup(**data)
             self._is_set_up = True
-        if self._solver.solve() != piqp.PIQP_SOLVED:
-            return None
-        return np.array(self._solver.result.x)
+        status = self._solver.solve()
+        if status != piqp.PIQP_SOLVED and self._narrow:
+            # Sets thinner than this tolerance are solved to a wider one.
+            self._solver.settings.eps_abs = _EPS_WIDE
+            status = self._solver.solve()
+            self._solver.settings.eps_abs = _EPS_NARROW
+        return np.array(self._solver.result.x) if status == piqp.PIQP_SOLVED else None
 
 
 class OtherProgram:

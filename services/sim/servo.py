@@ -8,12 +8,15 @@ above.
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import Any, Protocol
 
 import mujoco
 import numpy as np
 
-from common.errors import WrongShape
+from common.clock import TICK_S
+from common.errors import InvalidValue, WrongShape
+from common.messages.base import has_unit_quaternion
 from common.robots import HandServo, RobotSpec
 from common.se3 import Array, exp3, log3, matrix_from_quat, quat_from_matrix
 
@@ -30,11 +33,12 @@ class Servos(Protocol):
 
         Raises:
             WrongShape: Not one number per degree of freedom.
+            InvalidValue: Not a pose, where one is expected.
         """
         ...
 
     def hold(self) -> None:
-        """Stay at the last set-point, at rest."""
+        """Take the last set-point once more, at rest."""
         ...
 
     def apply(self, data: Any, fraction: float) -> None:
@@ -55,7 +59,14 @@ class Servos(Protocol):
 
 
 class JointServos:
-    """One servo per joint."""
+    """One servo per joint. A command takes effect `command_latency_s` after it was given.
+
+    Every tick gives one set-point, a command or a hold, and takes the one of n ticks before.
+
+    Args:
+        model: Compiled world.
+        robot: The robot in it.
+    """
 
     def __init__(self, model: Any, robot: RobotSpec) -> None:
         self._start = np.array(robot.start_positions)
@@ -64,9 +75,9 @@ class JointServos:
         self._dof = np.array([int(joint.dofadr[0]) for joint in joints])
         self._control = np.array([model.actuator(f"servo_{j.name}").id for j in robot.joints])
         self._lead_s = np.array([joint.kd / joint.kp for joint in robot.joints])
-        self._from = self._start.copy()
-        self._to = self._start.copy()
-        self._velocity = np.zeros(len(joints))
+        self._rest = np.zeros(len(joints))
+        self._latency_ticks = round(robot.command_latency_s / TICK_S)
+        self._stay_at_start()
 
     @staticmethod
     def add_actuators(spec: Any, robot: RobotSpec) -> None:
@@ -77,19 +88,17 @@ class JointServos:
     def reset(self, data: Any) -> None:
         """Put the arm at its start posture."""
         data.qpos[self._qpos] = self._start
-        self._from[:] = self._to[:] = self._start
-        self._velocity[:] = 0.0
+        self._stay_at_start()
 
     def command(self, positions: list[float], velocities: list[float]) -> None:
         """Take joint positions [rad] and velocities [rad/s]."""
-        _check("positions", len(self._to), positions)
-        _check("velocities", len(self._to), velocities)
-        self._to[:] = positions
-        self._velocity[:] = velocities
+        _check("positions", len(self._start), positions)
+        _check("velocities", len(self._start), velocities)
+        self._send(np.array(positions), np.array(velocities))
 
     def hold(self) -> None:
-        """Stay at the last set-point."""
-        self._velocity[:] = 0.0
+        """Take the last set-point once more, at rest; what is under way still has its effect."""
+        self._send(self._under_way[-1][0], self._rest)
 
     def apply(self, data: Any, fraction: float) -> None:
         """Interpolate the set-point linearly over the tick."""
@@ -98,7 +107,19 @@ class JointServos:
 
     def finish_tick(self) -> None:
         """Start the next tick from here."""
-        self._from[:] = self._to
+        self._from = self._to
+
+    def _send(self, positions: Array, velocities: Array) -> None:
+        self._under_way.append((positions, velocities))
+        self._under_way.popleft()
+        self._to, self._velocity = self._under_way[0]
+
+    def _stay_at_start(self) -> None:
+        stay = (self._start, self._rest)
+        # Positions and velocities, oldest first.
+        self._under_way = deque([stay] * (self._latency_ticks + 1))
+        self._from = self._start
+        self._to, self._velocity = self._under_way[0]
 
     def positions(self, data: Any) -> list[float]:
         """Joint positions [rad]."""
@@ -171,6 +192,8 @@ class HandServos:
         """Take a pose `[x, y, z, qw, qx, qy, qz]` and a twist (world linear, body angular)."""
         _check("positions", 7, positions)
         _check("velocities", 6, velocities)
+        if not has_unit_quaternion(positions):
+            raise InvalidValue("the commanded quaternion", positions[3:], "length 1")
         self._to_p[:] = positions[:3]
         self._to_R = matrix_from_quat(positions[3:])
         self._turn = log3(self._from_R.T @ self._to_R)
@@ -228,5 +251,5 @@ def _add_servo(spec: Any, joint: str, *, kp: float, kd: float, limit: float) -> 
 def _check(what: str, expected: int, values: list[float]) -> None:
     if len(values) != expected:
         raise WrongShape(what, expected, len(values))
-    if not all(math.isfinite(value) for value in values):
-        raise WrongShape(f"{what} (finite ones)", expected, sum(map(math.isfinite, values)))
+    if not all(map(math.isfinite, values)):
+        raise InvalidValue(what, values, "finite numbers")

@@ -47,40 +47,40 @@ def unit_of(model: RobotModel, joint: int) -> str:
 
 
 @dataclass(frozen=True)
-class Nearest:
-    """The joint that is nearest to a limit, measured by its range."""
+class Margin:
+    """How near a joint is to a limit."""
 
-    index: int
-    name: str
-    margin: float
-    """Distance from the limit [rad, m]."""
+    joint: str
+    distance: float
+    """[rad, m]"""
     share: float
     """The same as a share of the joint's range."""
     text: str
 
 
-def find_nearest(model: RobotModel, margins: Array) -> Nearest:
-    """Find the joint with the smallest margin (n,) [rad, m] as a share of its range."""
+def rank_margins(model: RobotModel, distances: Array) -> list[Margin]:
+    """Sort joints by their distance (n,) [rad, m] from a limit, as a share of their range."""
     span = model.upper - model.lower
-    shares = np.divide(margins, span, out=np.full_like(span, np.inf), where=np.isfinite(span))
-    index = int(shares.argmin())
-    name, margin, share = model.spec.joints[index].name, float(margins[index]), float(shares[index])
-    text = (
-        f"nearest to a limit is {name}: {margin:.3f} {unit_of(model, index)}, {share:.0%} of range"
-    )
-    return Nearest(index, name, margin, share, text)
+    shares = np.divide(distances, span, out=np.full_like(span, np.inf), where=np.isfinite(span))
+    margins: list[Margin] = []
+    for index in np.argsort(shares).tolist():
+        joint, distance = model.spec.joints[index].name, float(distances[index])
+        share = float(shares[index])
+        text = f"{joint} {distance:.3f} {unit_of(model, index)} ({share:.0%} of its range)"
+        margins.append(Margin(joint, distance, share, text))
+    return margins
 
 
 def _check_margin(model: RobotModel, name: str, q: Array) -> Finding:
-    nearest = find_nearest(model, np.minimum(q - model.lower, model.upper - q))
+    nearest = rank_margins(model, np.minimum(q - model.lower, model.upper - q))[0]
     good = nearest.share >= LEAST_MARGIN
-    text = nearest.text if good else f"{nearest.text}, expected at least {LEAST_MARGIN:.0%}"
+    text = f"nearest to a limit: {nearest.text}"
     return Finding(
         group="ranges",
         name=name,
         status=judge(good),
-        text=text,
-        values={"joint": nearest.name, "margin": nearest.margin, "share": nearest.share},
+        text=text if good else f"{text}, expected at least {LEAST_MARGIN:.0%}",
+        values={"joint": nearest.joint, "margin": nearest.distance, "share": nearest.share},
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
@@ -44,12 +45,12 @@ class RobotReport:
         return sum(finding.status == "problem" for finding in self.findings)
 
     def to_json(self) -> dict[str, Any]:
-        """As data."""
+        """As data; None where a joint has no limit to be near to."""
         return {
             "robot": self.robot,
             "title": self.title,
             "ok": not self.problems,
-            "findings": [dataclasses.asdict(finding) for finding in self.findings],
+            "findings": [_without_infinity(dataclasses.asdict(each)) for each in self.findings],
         }
 
     def to_text(self) -> str:
@@ -64,3 +65,12 @@ class RobotReport:
             lines.append(f"  {finding.status:<7}  {finding.name:<{width}}  {finding.text}")
         told = {0: "no problem", 1: "1 problem"}.get(self.problems, f"{self.problems} problems")
         return "\n".join([*lines, "", told]) + "\n"
+
+
+def _without_infinity(value: Any) -> Any:
+    """The same structure with None for every number that JSON cannot say."""
+    if isinstance(value, dict):
+        return {key: _without_infinity(each) for key, each in value.items()}
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
