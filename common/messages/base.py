@@ -49,6 +49,9 @@ Joints = Annotated[
 
 Natural = Annotated[int, Ge(0)]
 
+Share = Annotated[float, Ge(0), Le(1)]
+"""How much of something, from 0 = nothing to 1 = all of it."""
+
 Mode = Literal["lockstep", "realtime"]
 
 Model = TypeVar("Model", bound=BaseModel)

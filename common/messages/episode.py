@@ -1,11 +1,11 @@
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from annotated_types import Ge, Gt, Le, Len
 from pydantic import BaseModel, Field, model_validator
 
-from common.messages.base import MODEL_CONFIG, Message, Mode, Name, Natural
+from common.messages.base import MODEL_CONFIG, Message, Mode, Name, Natural, Share
 
 Outcome = Literal["success", "failure", "aborted"]
 
@@ -88,12 +88,13 @@ class EpisodePicture(Message):
 
 
 class Distribution(BaseModel):
-    """Median, 95th percentile and largest value of something measured every tick."""
+    """Median, high percentiles and largest value of something measured every tick."""
 
     model_config = MODEL_CONFIG
 
     median: float
     p95: float
+    p99: float
     largest: float
 
 
@@ -128,6 +129,14 @@ class TrialResult(BaseModel):
     """Smallest distance between the moved object and its goal over the episode."""
     hand_error_m: Distribution
     hand_error_rad: Distribution
+    hand_scaling_mean: Share
+    """Share c_1 of the hand task that the retargeter achieved, mean over the ticks."""
+    hand_scaling_least: Share
+    """The smallest c_1 of any tick."""
+    limited_share: Share
+    """Share of ticks in which a limit of the robot was active."""
+    solver_failures: Natural
+    """Ticks in which the retargeter fell back to a feasible default."""
     solve_time_s: Distribution
     inference_s: Distribution
     stages: StageTimes
@@ -142,5 +151,7 @@ class TrialResult(BaseModel):
 
 class EpisodeResult(Message):
     """How an episode ended. The owner of the cell sends exactly one per epoch."""
+
+    version: ClassVar[int] = 2
 
     result: TrialResult

@@ -1,11 +1,11 @@
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
-from annotated_types import Ge, Le, Len
+from annotated_types import Ge, Len
 from pydantic import Field
 
-from common.messages.base import Joints, Message, PoseWire, Reply
+from common.messages.base import Joints, Message, Natural, PoseWire, Reply, Share
 
 Samples = Annotated[list[Annotated[float, Ge(0)]], Len(1, 64)]
 """A measured quantity, one value per tick."""
@@ -38,6 +38,8 @@ class RetargetStatus(Reply):
     message at 10 Hz. Lists hold one value per tick, oldest first.
     """
 
+    version: ClassVar[int] = 2
+
     T_world_reference: PoseWire
     """Interpolated gripper reference at the start of tick `for_step`."""
     T_world_tool: PoseWire
@@ -48,9 +50,13 @@ class RetargetStatus(Reply):
     """Angle between reference and measured tool."""
     solve_time_s: Samples
     """Time of the retargeting step."""
-    scaling: list[Annotated[float, Ge(0), Le(1)]] = Field(max_length=8)
+    hand_scaling: Annotated[list[Share], Len(1, 64)]
+    """Share c_1 of the hand task that was achieved."""
+    scaling: list[Share] = Field(max_length=8)
     """Smallest share c_i of each level that was achieved (paper, scaling factors)."""
     active_limits: list[str] = Field(max_length=64)
     """Joints whose velocity stood at a bound in any of the ticks."""
-    solver_failures: Annotated[int, Ge(0)]
+    limited_ticks: Natural
+    """Ticks with an active limit."""
+    solver_failures: Natural
     """Ticks of this episode in which a level fell back to its feasible default."""

@@ -60,7 +60,9 @@ class FrameReport:
             hand_error_m=[error_m for error_m, _ in errors],
             hand_error_rad=[error_rad for _, error_rad in errors],
             solve_time_s=[t.solve_time_s for t in ticks],
+            hand_scaling=[t.motion.scaling[0] for t in ticks],
             scaling=[min(level) for level in levels],
             active_limits=list(active),
+            limited_ticks=sum(1 for t in ticks if t.motion.active_limits),
             solver_failures=self._failures,
         )

@@ -8,7 +8,7 @@ from typing import Final
 
 from common.calibration import StereoCalibration
 from common.clock import FRAME_TICKS, TICK_S, LockstepBarrier, RealtimePacer, closes_frame
-from common.errors import WrongShape
+from common.errors import InvalidValue, LegatoError, ModelError, WrongShape
 from common.messages import (
     EpisodeConfigure,
     EpisodeEvent,
@@ -30,7 +30,7 @@ from common.se3 import pose_to_wire
 from common.tasks.task import Judgement, SuccessMonitor
 from services.sim.album import Album
 from services.sim.camera import StereoCamera
-from services.sim.measurements import Measurements, distribution
+from services.sim.measurements import Ending, Measurements
 from services.sim.trace import Trace
 from services.sim.world import World
 
@@ -250,22 +250,25 @@ class Episode:
         """Hand the commands to servos and fingers; a command that does not fit ends the episode."""
         try:
             self._world.servos.command(command.positions, command.velocities)
-        except WrongShape as error:
-            return self._end("aborted", f"{self.configure.nodes['retarget']}: {error}")
+        except (WrongShape, InvalidValue) as error:
+            return self._abort("retarget", error)
         self._world.fingers.command(motor.positions_rad, current_limit_a=motor.current_limit_a)
         self._trace.add_numbers(b"command", [*command.positions, *command.velocities])
         self._trace.add_numbers(b"motor", [*motor.positions_rad, motor.current_limit_a])
         return []
 
     def _advance(self) -> list[Message]:
-        with self._measured.physics():
-            self._world.advance(TICK_S)
+        try:
+            with self._measured.physics():
+                self._world.advance(TICK_S)
+        except ModelError as error:
+            return self._abort("sim", error)
         self._step += 1
         if self._moment is not None and self._step >= self._moment[0]:
             self._album.remember(self._moment[1], self._frame)
             self._moment = None
-        if not self._world.is_finite():
-            return self._end("failure", "the simulation left the finite numbers")
+        if not self._world.is_bounded():
+            return self._end("failure", "the simulation diverged")
         # No task can be done while the gripper is closed: then look at frames only.
         if self._grasp and self._step % FRAME_TICKS:
             return self._open_tick()
@@ -286,28 +289,20 @@ class Episode:
             moment = "grasp" if grasp else "release"
             self._moment = (self._step + _MOMENT_DELAY_TICKS[moment], moment)
 
+    def _abort(self, kind: str, error: LegatoError) -> list[Message]:
+        """End the episode because of what a node has made, and name it."""
+        return self._end("aborted", f"{self.configure.nodes[kind]}: {error} ({error.code})")
+
     def _end(
         self, outcome: Outcome, reason: str, judgement: Judgement | None = None
     ) -> list[Message]:
         self._album.remember("end", self._frame, last=True)
-        wall_s = time.perf_counter() - self._started_s
-        measured = self._measured
         distance = self._monitor.smallest_distance_m
-        self._result = TrialResult(
-            outcome=outcome,
-            reason=reason,
-            failed_conditions=list(judgement.failed) if judgement is not None else [],
+        self._result = self._measured.result(
+            Ending(outcome, reason, judgement.failed if judgement is not None else ()),
             ticks=self._step,
-            sim_time_s=self._step * TICK_S,
-            wall_time_s=wall_s,
+            wall_time_s=time.perf_counter() - self._started_s,
             goal_distance_m=distance if math.isfinite(distance) else 0.0,
-            hand_error_m=distribution(measured.hand_error_m),
-            hand_error_rad=distribution(measured.hand_error_rad),
-            solve_time_s=distribution(measured.solve_time_s),
-            inference_s=distribution(measured.inference_s),
-            stages=measured.stages(wall_s),
-            held_ticks=measured.held_ticks,
-            missed_frames=measured.missed_frames,
             resends=self._barrier.resends,
             trace_sha256=self._trace.hexdigest(),
         )

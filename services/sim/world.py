@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from common.calibration.four_bar import GRIPPER_MODEL
 from common.errors import BadRobotFile
+from common.messages.base import LARGEST_JOINT_VALUE
 from common.robots import RobotSpec
 from common.se3 import Array, make_pose, pose_to_wire
 from common.tasks import Task
@@ -109,11 +109,10 @@ class World:
             touching_robot=self._touching_robot(),
         )
 
-    def is_finite(self) -> bool:
-        """Whether the state still is a state."""
-        return math.isfinite(float(self.data.qpos.sum())) and math.isfinite(
-            float(self.data.qvel.sum())
-        )
+    def is_bounded(self) -> bool:
+        """Whether the state still is one: finite, and within what messages may carry."""
+        largest = max(np.abs(self.data.qpos).max(), np.abs(self.data.qvel).max())
+        return bool(largest <= LARGEST_JOINT_VALUE)
 
     def _pose(self, body: _Body) -> Array:
         return make_pose(self.data.xmat[body.body_id].reshape(3, 3), self.data.xpos[body.body_id])
