@@ -3,7 +3,7 @@ PY ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: run test check format bench bench-retarget clean help
+.PHONY: run test test-long check format bench bench-retarget clean help
 .DEFAULT_GOAL := help
 
 help:   ## list the targets
@@ -20,6 +20,9 @@ run: $(STAMP)   ## set up, evaluate the lid task on two robots, write a report
 
 test: $(STAMP)  ## all tests
 	$(BIN)/python -m pytest
+
+test-long: $(STAMP) ## the fuzzing that takes minutes
+	$(BIN)/python -m pytest -m long
 
 check: $(STAMP) ## format, lint, types, import contract
 	$(BIN)/ruff format --check .

@@ -11,6 +11,7 @@ import numpy as np
 
 from common.se3 import Array
 from services.retarget.braking import braking_distance, stopping_speed
+from services.retarget.level import Mask
 
 RETURN_GAIN_PER_S = 5.0
 """A joint outside its range is led back at this gain."""
@@ -121,7 +122,7 @@ class JointBounds:
         sides = np.minimum(np.maximum(most, last - self._change), last + self._change)
         return Box(-sides[n:], sides[:n])
 
-    def _near_a_limit(self, q: Array, near: Array, lead: Array | None) -> Array:
+    def _near_a_limit(self, q: Array, near: Mask, lead: Array | None) -> Array:
         """(2n,) `up` and negated `lo` before the acceleration limit."""
         n = self._n
         most = self._vmax.copy()

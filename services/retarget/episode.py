@@ -7,7 +7,7 @@ import time
 from collections import deque
 
 from common.clock import TICK_S
-from common.errors import WrongShape
+from common.errors import InvalidValue, LegatoError, WrongShape
 from common.messages import (
     EpisodeConfigure,
     Message,
@@ -15,6 +15,7 @@ from common.messages import (
     RobotCommand,
     RobotState,
 )
+from common.messages.base import has_unit_quaternion
 from common.robots import RobotSpec
 from common.se3 import Array
 from services.retarget.reference import GripperReference
@@ -69,7 +70,7 @@ class RetargetEpisode:
         step = state.header.step
         if step == self._answered:
             return self._answer
-        if step < self._answered or not self._has_right_shape(state):
+        if step < self._answered or not self._is_usable(state):
             return []
         self._waiting = state
         return self._answer_waiting()
@@ -132,18 +133,20 @@ class RetargetEpisode:
         status = self._report.add(tick, state.header)
         return [command] if status is None else [status, command]
 
-    def _has_right_shape(self, state: RobotState) -> bool:
-        lengths = (
-            ("RobotState.positions", self._spec.nq, len(state.positions)),
-            ("RobotState.velocities", self._spec.nv, len(state.velocities)),
-        )
-        for what, expected, got in lengths:
-            if got != expected:
-                if not self._complained:
-                    self._complained = True
-                    error = WrongShape(what, expected, got)
-                    log.error(
-                        "state ignored", extra={"cell": state.header.cell, **error.describe()}
-                    )
-                return False
-        return True
+    def _is_usable(self, state: RobotState) -> bool:
+        """Whether a state is one of this robot; the first that is not is told of."""
+        fault = self._find_fault(state)
+        if fault is not None and not self._complained:
+            self._complained = True
+            log.error("state ignored", extra={"cell": state.header.cell, **fault.describe()})
+        return fault is None
+
+    def _find_fault(self, state: RobotState) -> LegatoError | None:
+        spec, positions, velocities = self._spec, state.positions, state.velocities
+        if len(positions) != spec.nq:
+            return WrongShape("RobotState.positions", spec.nq, len(positions))
+        if len(velocities) != spec.nv:
+            return WrongShape("RobotState.velocities", spec.nv, len(velocities))
+        if spec.kind == "free_hand" and not has_unit_quaternion(positions):
+            return InvalidValue("RobotState quaternion", positions[3:], "length 1")
+        return None

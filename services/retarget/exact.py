@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
 from common.se3 import Array
 from services.retarget.bounds import Box
+from services.retarget.lapack import solve_positive
 
 ATTAINED = 1e-10
 """Largest |J a - x| that counts as met [m/s, rad/s]."""
@@ -57,8 +57,8 @@ class ExactSolver:
         """
         JD = J * self._D
         self._rhs[:, 0] = x - J @ y
-        _, solved, info = dposv(JD @ J.T, self._rhs)
-        if info:
+        solved = solve_positive(JD @ J.T, self._rhs)
+        if solved is None:
             return Unbounded(y, np.zeros(len(x)), np.inf)
         multipliers: Array = solved[:, 0]
         trace = float(solved.diagonal(1) @ (1.0 / (T * T)))
@@ -87,7 +87,7 @@ class ExactSolver:
             return a
         JD = J * self._D
         for _ in range(steps):
-            step = _solve_symmetric((JD * free) @ J.T, x - J @ inside)
+            step = solve_positive((JD * free) @ J.T, x - J @ inside)
             if step is None:
                 return None
             multipliers = multipliers + step
@@ -97,8 +97,3 @@ class ExactSolver:
                 return inside
             free = inside == a
         return None
-
-
-def _solve_symmetric(G: Array, rhs: Array) -> Array | None:
-    result: tuple[Any, Array, int] = dposv(G, rhs)
-    return None if result[2] else result[1]

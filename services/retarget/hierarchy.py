@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf
 
 from common.se3 import Array
 from services.retarget.anchor import Anchor, AnchorLevel
 from services.retarget.bounds import Box
 from services.retarget.exact import ExactSolver, Unbounded
+from services.retarget.lapack import decompose, smallest_pivot
 from services.retarget.level import Level
 from services.retarget.nullspace import DAMPED_BELOW, WeightedJacobian
 from services.retarget.posture import PostureLevel, share
@@ -237,7 +237,7 @@ class Hierarchy:
         found = self._projection.solve_below(level, above.a, above.Z, box, rows)
         a = above.a if found is None else found
         JZ = level.T[:, np.newaxis] * (level.J @ above.Z)
-        Vt = np.linalg.svd(JZ)[2]
+        _, _, Vt = decompose(JZ)
         return _Partial(
             a,
             above.Z @ Vt[len(JZ) :].T,
@@ -263,11 +263,10 @@ def _are_independent(columns: Array) -> bool:
         return True
     if columns.shape[1] > 5:
         return False
-    factor, info = dpotrf(columns.T @ columns)
-    return info == 0 and float(factor.diagonal().min()) > _PIVOT
+    return smallest_pivot(columns.T @ columns) > _PIVOT
 
 
 def _measure(level: Level, a: Array) -> float:
-    """c = <T J a, T x> / <T x, T x> in [0, 1]."""
+    """C = <T J a, T x> / <T x, T x> in [0, 1]."""
     wanted = level.T * level.x
     return share(float(wanted @ (level.T * (level.J @ a))), float(wanted @ wanted))

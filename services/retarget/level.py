@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
 
 from common.se3 import Array
+
+Mask: TypeAlias = npt.NDArray[np.bool_]
 
 
 class Level(NamedTuple):
@@ -20,4 +25,4 @@ class Level(NamedTuple):
     J: Array
     x: Array
     T: Array
-    moves: Array
+    moves: Mask

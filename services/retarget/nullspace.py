@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg.lapack import dgesdd
 
 from common.se3 import Array
+from services.retarget.lapack import decompose
 
 DAMPED_BELOW = 0.02
 """e = b: singular values below it are damped [m]."""
@@ -26,8 +26,7 @@ class WeightedJacobian:
     def __init__(self, TJ: Array, H_root: Array) -> None:
         self.TJ = TJ
         self._H_root = H_root
-        # LAPACK itself: numpy's svd takes twice as long at this size.
-        self._U, self._S, self._Vt, _ = dgesdd(TJ / H_root)
+        self._U, self._S, self._Vt = decompose(TJ / H_root)
         self.damping = max(0.0, DAMPED_BELOW**2 - float(self._S[-1]) ** 2)
         """The largest damping term b^2 (1 - (s/e)^2); zero away from singularities."""
         self.Z: Array = (self._Vt[6:] / H_root).T

@@ -10,7 +10,7 @@ import numpy as np
 from common.se3 import Array
 from services.retarget.bounds import Box
 from services.retarget.program import Program
-from services.retarget.rows import Rows
+from services.retarget.rows import Rows, restrict
 
 REGULARISATION = 1e-3
 """rho: weight of a^T H a."""
@@ -48,7 +48,7 @@ class PostureLevel:
         self._with_rows = make_program(True)
 
     def optimum(self, x: Array) -> Array:
-        """y (n,): where the posture velocities x (n,) would be best, alone."""
+        """Y (n,): where the posture velocities x (n,) would be best, alone."""
         return self._pull * x
 
     def solve(self, Z: Array, a1: Array, y: Array, box: Box, rows: Rows | None) -> Postured:
@@ -94,11 +94,8 @@ class PostureLevel:
     def _solve_program(
         self, P: Array, rhs: Array, Z: Array, a1: Array, box: Box, rows: Rows | None
     ) -> Array | None:
-        program, G, lower, upper = self._program, Z, box.lower - a1, box.upper - a1
-        if rows is not None:
-            program, G = self._with_rows, np.vstack([Z, rows.C @ Z])
-            lower = np.concatenate([lower, np.full(len(rows.U), -np.inf)])
-            upper = np.concatenate([upper, rows.U - rows.C @ a1])
+        G, lower, upper = restrict(Z, a1, box, rows)
+        program = self._program if rows is None else self._with_rows
         return program.solve(P, -rhs, G=G, h_l=lower - _SLACK, h_u=upper + _SLACK)
 
 

@@ -10,7 +10,7 @@ from common.se3 import Array
 from services.retarget.bounds import Box
 from services.retarget.level import Level
 from services.retarget.program import Program
-from services.retarget.rows import Rows
+from services.retarget.rows import Rows, restrict
 
 REGULARISATION = 1e-9
 """Weight of a^T H a. It decides between equal solutions and is too small to move the hand."""
@@ -47,9 +47,7 @@ class Projection:
         if rows is None:
             a = self._plain.solve(P, c, x_l=box.lower, x_u=box.upper)
         else:
-            a = self._with_rows.solve(
-                P, c, x_l=box.lower, x_u=box.upper, G=rows.C, h_u=rows.U
-            )
+            a = self._with_rows.solve(P, c, x_l=box.lower, x_u=box.upper, G=rows.C, h_u=rows.U)
         return None if a is None else box.clip(a)
 
     def solve_below(
@@ -67,13 +65,7 @@ class Projection:
         TJZ = level.T[:, np.newaxis] * (level.J @ Z)
         P = TJZ.T @ TJZ + REGULARISATION * (Z.T @ (self._H[:, np.newaxis] * Z))
         c = -((level.T * (level.x - level.J @ base)) @ TJZ)
-        if rows is None:
-            program, G, lower, upper = self._below, Z, box.lower - base, box.upper - base
-        else:
-            program = self._below_with_rows
-            G = np.vstack([Z, rows.C @ Z])
-            nothing = np.full(len(rows.U), -np.inf)
-            lower = np.concatenate([box.lower - base, nothing])
-            upper = np.concatenate([box.upper - base, rows.U - rows.C @ base])
+        G, lower, upper = restrict(Z, base, box, rows)
+        program = self._below if rows is None else self._below_with_rows
         z = program.solve(P, c, G=G, h_l=lower - _SLACK, h_u=upper + _SLACK)
         return None if z is None else base + Z @ z

@@ -62,12 +62,15 @@ class Setpoint:
         step = self._steps.pop(0)
         T = apply_differential(self.T_world_setpoint, step.translation_m, step.rotation_rad)
         if T_world_hand is not None:
-            T = _limit_lead(T, T_world_hand, self._lead_m, self._lead_rad)
-        self.T_world_setpoint = T
+            self.T_world_setpoint = _limit_lead(T, T_world_hand, self._lead_m, self._lead_rad)
+        else:
+            self.T_world_setpoint = T
         return True
 
 
-def _limit_lead(T_world_wanted: Array, T_world_hand: Array, lead_m: float, lead_rad: float) -> Array:
+def _limit_lead(
+    T_world_wanted: Array, T_world_hand: Array, lead_m: float, lead_rad: float
+) -> Array:
     """The pose (4, 4) towards a wanted one that is at most the lead away from the hand."""
     error_m, error_rad = distance(T_world_hand, T_world_wanted)
     if error_m <= lead_m and error_rad <= lead_rad:

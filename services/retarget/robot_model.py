@@ -12,6 +12,7 @@ from common.errors import BadRobotFile
 from common.robots import RobotSpec
 from common.robots.compile import compile_robot, find_positions
 from common.se3 import Array
+from services.retarget.level import Mask
 from services.retarget.model import build_pinocchio_model
 
 
@@ -38,7 +39,7 @@ class RobotModel:
         self.data: pin.Data = self.pin.createData()
         self._offset: Array = self.mj.qpos0[find_positions(spec, self.mj)]
         self._tool = self.pin.getFrameId(spec.tool_site, pin.FrameType.OP_FRAME)
-        self.hand_joints: Array = self.list_moving(self._tool)
+        self.hand_joints: Mask = self.list_moving(self._tool)
         """(n,) mask of the joints that can move the tool."""
         self.lower: Array = self.pin.lowerPositionLimit + self._offset
         self.upper: Array = self.pin.upperPositionLimit + self._offset
@@ -76,7 +77,7 @@ class RobotModel:
         pin.computeJointJacobians(self.pin, self.data, q - self._offset)
         pin.updateFramePlacements(self.pin, self.data)
 
-    def list_moving(self, frame: int) -> Array:
+    def list_moving(self, frame: int) -> Mask:
         """(n,) mask of the joints that can move a frame."""
         mask = np.zeros(self.pin.nv, dtype=bool)
         for joint in self.pin.supports[self.pin.frames[frame].parentJoint]:

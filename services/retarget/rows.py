@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from common.se3 import Array
+from services.retarget.bounds import Box
 
 CAPACITY = 12
 """Most rows of one tick. Programs keep their shape; the nearest ones are taken."""
@@ -34,6 +35,34 @@ class Rows(NamedTuple):
     def slackened(self, slack: Array) -> Rows:
         """The same rows with more room [m/s]."""
         return self._replace(U=self.U + slack)
+
+
+class Restriction(NamedTuple):
+    """lower <= G z <= upper: what box and rows allow of a = base + M z."""
+
+    G: Array
+    lower: Array
+    upper: Array
+
+
+def restrict(M: Array, base: Array, box: Box, rows: Rows | None) -> Restriction:
+    """Carry the bounds of a over to z.
+
+    Args:
+        M: (n, k) with a = base + M z.
+        base: (n,) joint velocities.
+        box: Bounds of a.
+        rows: Cartesian rows, or None.
+    """
+    lower, upper = box.lower - base, box.upper - base
+    if rows is None:
+        return Restriction(M, lower, upper)
+    nothing = np.full(len(rows.U), -np.inf)
+    return Restriction(
+        np.vstack([M, rows.C @ M]),
+        np.concatenate([lower, nothing]),
+        np.concatenate([upper, rows.U - rows.C @ base]),
+    )
 
 
 class Approach(NamedTuple):

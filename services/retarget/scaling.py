@@ -10,7 +10,7 @@ import numpy as np
 from common.se3 import Array
 from services.retarget.bounds import Box
 from services.retarget.program import Program
-from services.retarget.rows import Rows
+from services.retarget.rows import Rows, restrict
 
 _FLATTEN = 1e-8
 _ROOMS = (0.0, 1e-8, 1e-7)
@@ -50,14 +50,8 @@ class Scaling:
             box: Bounds.
             rows: Cartesian rows, or None.
         """
-        G = np.column_stack([a_p, Z])
-        lower, upper = box.lower - base, box.upper - base
-        program = self._program
-        if rows is not None:
-            program = self._with_rows
-            lower = np.concatenate([lower, np.full(len(rows.U), -np.inf)])
-            upper = np.concatenate([upper, rows.U - rows.C @ base])
-            G = np.vstack([G, rows.C @ G])
+        G, lower, upper = restrict(np.column_stack([a_p, Z]), base, box, rows)
+        program = self._program if rows is None else self._with_rows
         size = G.shape[1]
         P = _FLATTEN * np.eye(size)
         P[0, 0] = 0.0

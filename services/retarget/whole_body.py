@@ -144,9 +144,7 @@ class WholeBodyRetargeter:
 def list_limits(model: RobotModel) -> list[JointLimits]:
     """Limits of all joints of a robot."""
     return [
-        JointLimits(
-            lower, upper, joint.velocity_limit, joint.acceleration_limit, joint.lead_limit
-        )
+        JointLimits(lower, upper, joint.velocity_limit, joint.acceleration_limit, joint.lead_limit)
         for joint, lower, upper in zip(
             model.spec.joints, model.lower.tolist(), model.upper.tolist(), strict=True
         )
