@@ -144,19 +144,26 @@ def _compare_unsaturated(table: Table, other: str) -> float:
     return _geometric_mean(ratios)
 
 
-def list_accuracy_goals(table: Table, robot: str) -> Iterator[Goal]:
-    """Position errors beside the better of Pink's two solvers."""
+def list_accuracy_goals(table: Table) -> Iterator[Goal]:
+    """Position errors beside the better of Pink's two solvers, each robot and both together."""
+    comparisons: tuple[tuple[str, Kind, str, float], ...] = (
+        ("set-points, interpolated", "set-points", FED_FORWARD, 0.3),
+        ("set-points, held", "set-points", OURS, 0.3),
+        ("fast, same targets", "fast", OURS, 0.75),
+        ("near limits, same targets", "near limits", OURS, 0.75),
+    )
+    for what, kind, name, most in comparisons:
+        ratios = [_compare_error(table[robot, kind], name) for robot in ROBOTS]
+        for robot, ratio in zip(ROBOTS, ratios, strict=True):
+            yield Goal(f"error, {what}, {robot}", ratio, most)
+        yield Goal(f"error, {what}, geometric mean", _geometric_mean(ratios), most)
+    for robot in ROBOTS:
+        sine_mm = 1e3 * table[robot, "sine"][FED_FORWARD].rms_m
+        yield Goal(f"error, sine with feed-forward, {robot}", sine_mm, 3.5, "mm")
 
-    def ratio(kind: Kind, name: str) -> float:
-        runs = table[robot, kind]
-        return runs[name].rms_m / min(runs[PINK_PIQP].rms_m, runs[PINK_DAQP].rms_m)
 
-    yield Goal(f"{robot}, set-points, interpolated", ratio("set-points", FED_FORWARD), 0.3)
-    yield Goal(f"{robot}, set-points, held", ratio("set-points", OURS), 0.3)
-    yield Goal(f"{robot}, fast, same targets", ratio("fast", OURS), 0.75)
-    yield Goal(f"{robot}, near limits, same targets", ratio("near limits", OURS), 0.75)
-    sine_mm = 1e3 * table[robot, "sine"][FED_FORWARD].rms_m
-    yield Goal(f"{robot}, sine with feed-forward", sine_mm, 3.5, "mm")
+def _compare_error(runs: dict[str, Run], name: str) -> float:
+    return runs[name].rms_m / min(runs[PINK_PIQP].rms_m, runs[PINK_DAQP].rms_m)
 
 
 def _geometric_mean(values: Sequence[float]) -> float:
@@ -192,11 +199,8 @@ def main() -> None:
         print_table(table, name, "error, rms mm/mrad (no solution)", "error")
         print_table(table, name, "largest acceleration / limit", "acceleration")
     print("\n== goals; ratios of medians and of position errors, ours / theirs")
-    for goal in list_speed_goals(table):
+    for goal in (*list_speed_goals(table), *list_accuracy_goals(table)):
         print(goal)
-    for name in ROBOTS:
-        for goal in list_accuracy_goals(table, name):
-            print(goal)
     print_workspaces(list(models.values()), ticks=1000)
     print_costs(load_robot(ROBOTS[-1]), ticks=args.ticks)
 

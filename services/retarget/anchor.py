@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from common.se3 import Array
 from services.retarget.bounds import Box
-from services.retarget.program import Program
+from services.retarget.program import ProgramMaker, Shape
 from services.retarget.rows import CAPACITY, Rows
 
 STOP_WEIGHT = 1e-6
@@ -43,20 +42,29 @@ class AnchorLevel:
         make_program: What solves it.
     """
 
-    def __init__(self, *, n: int, make_program: Callable[[bool], Program]) -> None:
+    def __init__(self, *, n: int, make_program: ProgramMaker) -> None:
         # Where bounds and rows leave no room, the duality gap cannot close to the last digits.
-        self._programs = (make_program(False), make_program(True))
         size = n + CAPACITY
+        self._programs = tuple(
+            make_program(Shape(size, CAPACITY, bounds=True, narrow=narrow))
+            for narrow in (False, True)
+        )
+        self._h_l = np.full(CAPACITY, -np.inf)
         self._n = n
+        self._rest = np.zeros(n)
         self._P = np.diag([STOP_WEIGHT] * n + [1.0] * CAPACITY)
         self._x_l = np.zeros(size)
         self._x_u = np.full(size, np.inf)
         self._G = np.zeros((CAPACITY, size))
         self._G[:, n:] = -np.eye(CAPACITY)
 
+    def stop(self, box: Box) -> Array:
+        """a_s (n,): the velocities of the box nearest to rest."""
+        return box.clip(self._rest)
+
     def solve(self, box: Box, rows: Rows | None) -> Anchor:
         """The anchor of one tick."""
-        a_stop = box.clip(np.zeros(self._n))
+        a_stop = self.stop(box)
         if rows is None or rows.allow(a_stop):
             return Anchor(a_stop, rows, 0)
         n = self._n
@@ -66,7 +74,9 @@ class AnchorLevel:
         c[:n] = -STOP_WEIGHT * a_stop
         x = None
         for program in self._programs:
-            x = program.solve(self._P, c, x_l=self._x_l, x_u=self._x_u, G=self._G, h_u=rows.U)
+            x = program.solve(
+                self._P, c, x_l=self._x_l, x_u=self._x_u, G=self._G, h_l=self._h_l, h_u=rows.U
+            )
             if x is not None:
                 break
         a = a_stop if x is None else box.clip(x[:n])

@@ -8,7 +8,7 @@ import numpy as np
 
 from common.robots import HeadSpec
 from common.se3 import Array, log3
-from services.retarget.level import Level
+from services.retarget.level import Level, LevelShape
 from services.retarget.robot_model import RobotModel
 
 
@@ -25,7 +25,7 @@ class HeadTask:
         self._model = model
         self._head = head
         self._frame = model.find_site(head.site)
-        self._moves = model.list_moving(self._frame)
+        self.shape = LevelShape(3, model.list_moving(self._frame))
         self._T = np.ones(3)
         model.update(q)
         self._R_wanted: Array = model.compute_site(self._frame)[0][:3, :3].copy()
@@ -38,4 +38,4 @@ class HeadTask:
         gain = self._head.gain_per_s
         if gain * size > self._head.turn_cap_rad_s:
             gain = self._head.turn_cap_rad_s / size
-        return Level(J[3:], gain * e, self._T, self._moves)
+        return Level(J[3:], gain * e, self._T)

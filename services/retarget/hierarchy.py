@@ -12,18 +12,17 @@ from services.retarget.anchor import Anchor, AnchorLevel
 from services.retarget.bounds import Box
 from services.retarget.exact import ExactSolver, Unbounded
 from services.retarget.lapack import decompose, smallest_pivot
-from services.retarget.level import Level
+from services.retarget.level import Level, LevelShape, Mask
 from services.retarget.nullspace import DAMPED_BELOW, WeightedJacobian
 from services.retarget.posture import PostureLevel, share
 from services.retarget.program import PIQP, make_program
-from services.retarget.projection import Projection
+from services.retarget.projection import NullSpaceProjection, Projection, RowProjection
 from services.retarget.rows import Rows
 from services.retarget.scaling import Scaling
 
 Mode = Literal["project", "scale"]
 
-_NEWTON_STEPS = 3
-_MULTIPLIER = 1e-7
+_MULTIPLIER = 1e-6
 """A joint whose multiplier is larger holds the hand back: moving it would change the hand."""
 _MET = 1e-7
 """Residual below which level 1 counts as met."""
@@ -68,7 +67,7 @@ class Hierarchy:
     Args:
         H: (n,) level-1 joint weights.
         W: (n,) posture weights.
-        rows: Rows of all levels but the posture, the hand's six first.
+        shapes: Of all levels but the posture, the hand first.
         mode: How level 1 treats a twist that is not possible.
         solver: `piqp`, or another one by its name in qpsolvers.
 
@@ -77,22 +76,40 @@ class Hierarchy:
     """
 
     def __init__(
-        self, *, H: Array, W: Array, rows: int = 6, mode: Mode = "project", solver: str = PIQP
+        self,
+        *,
+        H: Array,
+        W: Array,
+        shapes: Sequence[LevelShape],
+        mode: Mode = "project",
+        solver: str = PIQP,
     ) -> None:
         program = make_program(solver)
+        n, rows = len(H), [shape.rows for shape in shapes]
         self._mode = mode
         self._H = H
         self._H_root = np.sqrt(H)
-        self._anchor = AnchorLevel(n=len(H), make_program=program)
-        self._projection = Projection(H=H, make_program=program)
-        self._scaling = Scaling(make_program=program)
-        self._posture = PostureLevel(H=H, W=W, make_program=program)
+        self._moves = [shape.moves for shape in shapes]
+        self._anchor = AnchorLevel(n=n, make_program=program)
+        # Each level with the joints that no level above it uses.
+        self._projections = [
+            Projection(H=H, moves=moves, make_program=program)
+            for moves in _list_own_joints(self._moves)
+        ]
+        self._row_projection = RowProjection(H=H, make_program=program)
+        self._below = [
+            NullSpaceProjection(H=H, spare=n - sum(rows[:i]), make_program=program)
+            for i in range(1, len(rows))
+        ]
+        self._scaling = Scaling(n=n, spare=n - rows[0], make_program=program)
+        self._posture = PostureLevel(H=H, W=W, spare=n - sum(rows), make_program=program)
         D = 1.0 / self._posture.weights
-        self._exact = ExactSolver(D=D, rows=rows)
-        self._exact_below = ExactSolver(D=D, rows=rows - 6)
+        # One for each number of levels that are left.
+        self._exact = [ExactSolver(D=D, rows=sum(rows[i:])) for i in range(len(rows))]
         # s_min(T J1 H^-1/2)^2 >= kappa / trace((T J1 D J1' T)^-1): no need of its SVD below this.
         self._safe_trace = float((1.0 / (H * D)).min()) / DAMPED_BELOW**2
         self._was_met = True
+        self._held_by_rows = False
 
     def solve(self, levels: Sequence[Level], x: Array, box: Box, rows: Rows | None) -> Solution:
         """Joint velocities for one tick.
@@ -105,7 +122,7 @@ class Hierarchy:
         """
         y = self._posture.optimum(x)
         stack = _stack(levels)
-        start = self._exact.solve_unbounded(stack.J, stack.x, stack.T, y)
+        start = self._exact[0].solve_unbounded(stack.J, stack.x, stack.T, y)
         hand = None
         if start.inverse_trace > self._safe_trace:
             hand = self._decompose(levels[0])
@@ -119,6 +136,7 @@ class Hierarchy:
                 solution = self._solve_by_levels(levels, y, box, rows, hand, a1)
         else:
             solution = self._solve_by_levels(levels, y, box, rows, hand, None)
+        self._exact[0].remember(solution.a, box)
         return solution
 
     def _decompose(self, level: Level) -> WeightedJacobian:
@@ -128,14 +146,14 @@ class Hierarchy:
         self, stack: Level, y: Array, start: Unbounded, box: Box, rows: Rows | None, levels: int
     ) -> Solution | None:
         """All levels met."""
-        # While the hand is held back by the bounds, trying costs more than it brings.
-        steps = _NEWTON_STEPS if self._was_met else 0
-        a = self._exact.solve(stack.J, stack.x, y, start, box, steps=steps)
+        # While the hand is held back by the bounds, searching costs more than it brings.
+        exact = self._exact[0]
+        a = exact.solve(stack.J, stack.x, y, start, box, search=self._was_met)
         if a is None or not (rows is None or rows.allow(a)):
             return None
         posture = 1.0
         if a is not start.a:
-            least = self._exact.solve_unbounded(stack.J, stack.x, stack.T, 0.0 * y).a
+            least = exact.solve_unbounded(stack.J, stack.x, stack.T, 0.0 * y).a
             posture = self._posture.measure(a, start.a, least)
         return Solution(a, [1.0] * levels + [posture], 0)
 
@@ -146,41 +164,51 @@ class Hierarchy:
 
         At the optimum a joint with a multiplier stays at its bound. The others span what the hand
         could still do; when their columns are independent, none of them can move either. Joints
-        that never move the hand are free for the levels below.
+        that never move the hand are free for the levels below, where the same is tried.
 
         Returns:
             The solution or None, and what level 1 alone gave, or None.
         """
-        hand = levels[0]
-        a1 = self._projection.solve(hand, box)
-        if a1 is None:
+        if self._held_by_rows:
             return None, None
-        residual = hand.T * (hand.J @ a1 - hand.x)
-        if rows is not None and not rows.allow(a1):
+        a1 = self._projections[0].solve(levels[0], self._anchor.stop(box), box)
+        if a1 is None or not (rows is None or rows.allow(a1)):
             return None, None
-        if np.abs(residual).max() < _MET:
-            self._was_met = True
-            return None, a1
-        multipliers = (hand.T * residual) @ hand.J
-        columns = hand.J[:, (np.abs(multipliers) <= _MULTIPLIER) & hand.moves]
-        if not _are_independent(columns):
-            return None, a1
-        if len(levels) == 1 and hand.moves.all():
-            return Solution(a1, [_measure(hand, a1), 0.0], 0), a1
-        rest = Box(np.where(hand.moves, a1, box.lower), np.where(hand.moves, a1, box.upper))
-        a = rest.clip(y)
-        if len(levels) > 1:
-            below = _stack(levels[1:])
-            start = self._exact_below.solve_unbounded(below.J, below.x, below.T, y)
-            found = self._exact_below.solve(below.J, below.x, y, start, rest, steps=_NEWTON_STEPS)
-            if found is None:
+        shares: list[float] = []
+        a, rest, pending = a1, box, list(levels)
+        while pending:
+            level, moves = pending.pop(0), self._moves[len(shares)]
+            if not _is_fixed(level, moves, a):
+                self._was_met = self._was_met or not shares
                 return None, a1
-            a = found
-        if rows is not None and not rows.allow(a):
+            shares.append(_measure(level, a))
+            if moves.all():
+                return Solution(a, [*shares, *(_measure(one, a) for one in pending), 0.0], 0), a1
+            rest = Box(np.where(moves, a, rest.lower), np.where(moves, a, rest.upper))
+            found = self._solve_below_fixed(pending, y, rest)
+            if found is not None:
+                a, pending = found, []
+                shares += [1.0] * (len(levels) - len(shares))
+            else:
+                below = self._projections[len(shares)].solve(pending[0], a, rest)
+                if below is None:
+                    return None, a1
+                a = below
+        if not (rows is None or rows.allow(a)):
             return None, a1
-        a_free = np.where(hand.moves, a1, y)
-        shares = [_measure(hand, a), *[1.0] * (len(levels) - 1)]
+        a_free = np.where(rest.lower == rest.upper, a, y)
         return Solution(a, [*shares, self._posture.measure(a, a_free, a1)], 0), a1
+
+    def _solve_below_fixed(self, levels: Sequence[Level], y: Array, rest: Box) -> Array | None:
+        """What is left when the joints of the levels above stand still, if it can all be met."""
+        if not levels:
+            return rest.clip(y)
+        stack, exact = _stack(levels), self._exact[-len(levels)]
+        start = exact.solve_unbounded(stack.J, stack.x, stack.T, y)
+        a = exact.solve(stack.J, stack.x, y, start, rest, search=True)
+        if a is not None:
+            exact.remember(a, rest)
+        return a
 
     def _solve_by_levels(
         self,
@@ -200,10 +228,11 @@ class Hierarchy:
             found = self._scale_hand(levels[0], hand, anchor, box)
         else:
             found = self._project_hand(levels[0], hand, anchor, box)
-        for level in levels[1:]:
-            found = self._project_below(level, found, box, anchor.rows)
+        for level, below in zip(levels[1:], self._below, strict=True):
+            found = _project_below(level, below, found, box, anchor.rows)
         posture = self._posture.solve(found.Z, found.a, y, box, anchor.rows)
         a = box.clip(posture.a)
+        self._held_by_rows = anchor.rows is not None and not anchor.rows.leave_room(a)
         failures = anchor.failures + found.failures + posture.failures
         return Solution(a, [*found.shares, posture.c], failures)
 
@@ -215,7 +244,10 @@ class Hierarchy:
             a = hand.pseudo_inverse(level.T * level.x)
             if box.contains(a) and (anchor.rows is None or anchor.rows.allow(a)):
                 return _Partial(a, hand.Z, [_measure(level, a)], 0)
-        a = self._projection.solve(level, box, anchor.rows, damping=hand.damping)
+        if anchor.rows is None:
+            a = self._projections[0].solve(level, anchor.a, box, damping=hand.damping)
+        else:
+            a = self._row_projection.solve(level, box, anchor.rows, damping=hand.damping)
         if a is None:
             return _Partial(anchor.a, hand.Z, [_measure(level, anchor.a)], 1)
         return _Partial(a, hand.Z, [_measure(level, a)], 0)
@@ -229,21 +261,31 @@ class Hierarchy:
             return _Partial(anchor.a, hand.Z, [0.0], 1)
         return _Partial(scaled.a, hand.Z, [scaled.c], 0)
 
-    def _project_below(
-        self, level: Level, above: _Partial, box: Box, rows: Rows | None
-    ) -> _Partial:
-        if above.Z.shape[1] == 0:
-            return above._replace(shares=[*above.shares, _measure(level, above.a)])
-        found = self._projection.solve_below(level, above.a, above.Z, box, rows)
-        a = above.a if found is None else found
-        JZ = level.T[:, np.newaxis] * (level.J @ above.Z)
-        _, _, Vt = decompose(JZ)
-        return _Partial(
-            a,
-            above.Z @ Vt[len(JZ) :].T,
-            [*above.shares, _measure(level, a)],
-            above.failures + (found is None),
-        )
+
+def _project_below(
+    level: Level, projection: NullSpaceProjection, above: _Partial, box: Box, rows: Rows | None
+) -> _Partial:
+    a = projection.solve(level, above.a, above.Z, box, rows)
+    failed = a is None
+    a = above.a if a is None else a
+    JZ = level.T[:, np.newaxis] * (level.J @ above.Z)
+    _, _, Vt = decompose(JZ)
+    return _Partial(
+        a,
+        above.Z @ Vt[len(JZ) :].T,
+        [*above.shares, _measure(level, a)],
+        above.failures + failed,
+    )
+
+
+def _list_own_joints(moves: Sequence[Mask]) -> list[Mask]:
+    """Of every level the joints that move it and no level above it."""
+    own: list[Mask] = []
+    taken = np.zeros_like(moves[0])
+    for mask in moves:
+        own.append(mask & ~taken)
+        taken = taken | mask
+    return own
 
 
 def _stack(levels: Sequence[Level]) -> Level:
@@ -253,15 +295,23 @@ def _stack(levels: Sequence[Level]) -> Level:
         np.vstack([level.J for level in levels]),
         np.concatenate([level.x for level in levels]),
         np.concatenate([level.T for level in levels]),
-        np.logical_or.reduce([level.moves for level in levels]),
     )
 
 
+def _is_fixed(level: Level, moves: Mask, a: Array) -> bool:
+    """Whether at the optimum a (n,) of a level none of the joints that move it has a choice."""
+    residual = level.T * (level.J @ a - level.x)
+    if np.abs(residual).max() < _MET:
+        return False
+    multipliers = (level.T * residual) @ level.J
+    return _are_independent(level.J[:, (np.abs(multipliers) <= _MULTIPLIER) & moves])
+
+
 def _are_independent(columns: Array) -> bool:
-    """Whether columns (6, k) span k dimensions, k < 6."""
+    """Whether columns (m, k) span k dimensions, k < m."""
     if columns.shape[1] == 0:
         return True
-    if columns.shape[1] > 5:
+    if columns.shape[1] >= len(columns):
         return False
     return smallest_pivot(columns.T @ columns) > _PIVOT
 

@@ -19,10 +19,20 @@ class Level(NamedTuple):
         J: (m, n) Jacobian.
         x: (m,) wanted velocity.
         T: (m,) weight of each row, so that rotations and translations can be compared.
-        moves: (n,) mask of the joints whose column of J can be non-zero, ever.
     """
 
     J: Array
     x: Array
     T: Array
+
+
+class LevelShape(NamedTuple):
+    """What stays the same about a level from tick to tick.
+
+    Args:
+        rows: m.
+        moves: (n,) mask of the joints whose column of J can be other than zero.
+    """
+
+    rows: int
     moves: Mask

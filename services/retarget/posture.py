@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from common.se3 import Array
 from services.retarget.bounds import Box
-from services.retarget.program import Program
-from services.retarget.rows import Rows, restrict
+from services.retarget.program import ProgramMaker, Shape
+from services.retarget.rows import CAPACITY, Rows, restrict
 
 REGULARISATION = 1e-3
 """rho: weight of a^T H a."""
@@ -37,15 +36,17 @@ class PostureLevel:
     Args:
         H: (n,) level-1 joint weights.
         W: (n,) posture weights.
+        spare: k, the number of motions that the levels above leave free.
         make_program: What solves it.
     """
 
-    def __init__(self, *, H: Array, W: Array, make_program: Callable[[bool], Program]) -> None:
+    def __init__(self, *, H: Array, W: Array, spare: int, make_program: ProgramMaker) -> None:
         self.weights: Array = W + REGULARISATION * H
         """(n,) diagonal of W + rho H."""
         self._pull = W / self.weights
-        self._program = make_program(True)
-        self._with_rows = make_program(True)
+        n = len(H)
+        self._program = make_program(Shape(spare, n, narrow=True)) if spare > 1 else None
+        self._with_rows = make_program(Shape(spare, n + CAPACITY, narrow=True)) if spare else None
 
     def optimum(self, x: Array) -> Array:
         """Y (n,): where the posture velocities x (n,) would be best, alone."""
@@ -96,6 +97,8 @@ class PostureLevel:
     ) -> Array | None:
         G, lower, upper = restrict(Z, a1, box, rows)
         program = self._program if rows is None else self._with_rows
+        if program is None:
+            return None
         return program.solve(P, -rhs, G=G, h_l=lower - _SLACK, h_u=upper + _SLACK)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import piqp
@@ -18,8 +18,25 @@ _EPS_NARROW = 1e-10
 _EPS_WIDE = 1e-7
 
 
+class Shape(NamedTuple):
+    """What stays the same from one solve to the next.
+
+    Args:
+        size: Number of unknowns.
+        rows: Number of rows of G.
+        bounds: Whether there are bounds x_l and x_u.
+        narrow: For feasible sets that may be as thin as rounding (what a level leaves to the next):
+            no test of the duality gap, which has no interior to close in.
+    """
+
+    size: int
+    rows: int = 0
+    bounds: bool = False
+    narrow: bool = False
+
+
 class Program(Protocol):
-    """min 1/2 x^T P x + c^T x under bounds and rows."""
+    """min 1/2 x^T P x + c^T x under x_l <= x <= x_u and h_l <= G x <= h_u."""
 
     def solve(self, P: Array, c: Array, **constraints: Array) -> Array | None:
         """Solve; None when the tolerances are not reached.
@@ -27,24 +44,24 @@ class Program(Protocol):
         Args:
             P: (n, n) symmetric, positive definite.
             c: (n,).
-            **constraints: `x_l`, `x_u` (n,) bounds; `G` (m, n), `h_l`, `h_u` (m,) rows. The same
-                ones in every call; what is absent in `h_l` or `h_u` is infinite.
+            **constraints: `x_l`, `x_u` (n,) and `G` (m, n), `h_l`, `h_u` (m,), as the shape says.
+                Single bounds may be infinite, not both of one row.
         """
         ...
 
 
 class PiqpProgram:
-    """PIQP's own interface: one `setup`, then updates of the same workspace.
+    """PIQP's own interface: one workspace, set up here and updated ever after.
 
     The last solution leaves traces of 1e-12 in the next one (scaling, regularisation), so an
     episode that is to be repeated bit for bit starts with a new object.
 
     Args:
-        narrow: For feasible sets that may be as thin as rounding (what level 1 leaves to level 2):
-            no test of the duality gap, which has no interior to close in.
+        shape: Of the program.
     """
 
-    def __init__(self, *, narrow: bool) -> None:
+    def __init__(self, shape: Shape) -> None:
+        narrow = shape.narrow
         solver = piqp.DenseSolver()
         settings = solver.settings
         settings.eps_abs = _EPS_NARROW if narrow else 1e-9
@@ -59,7 +76,7 @@ class PiqpProgram:
         settings.reg_lower_limit = settings.reg_finetune_lower_limit = 1e-13
         self._solver = solver
         self._narrow = narrow
-        self._is_set_up = False
+        solver.setup(**_make_placeholder(shape))
 
     def solve(self, P: Array, c: Array, **constraints: Array) -> Array | None:
         """Solve; None when PIQP does not reach its tolerances."""
@@ -67,11 +84,7 @@ class PiqpProgram:
             constraints["G"] = np.asfortranarray(constraints["G"])
         # P is symmetric, and its transpose is in PIQP's order already.
         data: dict[str, Any] = {"P": P.T, "c": c, **constraints}
-        if self._is_set_up:
-            self._solver.update(**data)
-        else:
-            self._solver.setup(**data)
-            self._is_set_up = True
+        self._solver.update(**data)
         status = self._solver.solve()
         if status != piqp.PIQP_SOLVED and self._narrow:
             # Sets thinner than this tolerance are solved to a wider one.
@@ -106,16 +119,31 @@ class OtherProgram:
             return None
 
 
-def make_program(solver: str) -> Callable[[bool], Program]:
-    """What makes programs with a solver, asked whether their feasible sets are narrow.
+ProgramMaker: TypeAlias = Callable[[Shape], Program]
+
+
+def make_program(solver: str) -> ProgramMaker:
+    """What makes programs of a shape with a solver.
 
     Raises:
         UnknownName: There is no such solver.
     """
     if solver == PIQP:
-        return lambda narrow: PiqpProgram(narrow=narrow)
-    OtherProgram(solver)
-    return lambda narrow: OtherProgram(solver)
+        return PiqpProgram
+    other = OtherProgram(solver)
+    return lambda shape: other
+
+
+def _make_placeholder(shape: Shape) -> dict[str, Any]:
+    """Some program of a shape, so that its workspace exists before the first tick."""
+    n, m = shape.size, shape.rows
+    data: dict[str, Any] = {"P": np.asfortranarray(np.eye(n)), "c": np.zeros(n)}
+    if shape.bounds:
+        data |= {"x_l": -np.ones(n), "x_u": np.ones(n)}
+    if m:
+        G = np.asfortranarray(np.ones((m, n)))
+        data |= {"G": G, "h_l": -np.ones(m), "h_u": np.ones(m)}
+    return data
 
 
 def _stack_rows(constraints: dict[str, Array], n: int) -> tuple[Array | None, Array | None]:
@@ -123,7 +151,6 @@ def _stack_rows(constraints: dict[str, Array], n: int) -> tuple[Array | None, Ar
     if "G" not in constraints:
         return None, None
     G = constraints["G"]
-    nothing = np.full(len(G), np.inf)
-    h = np.concatenate([constraints.get("h_u", nothing), -constraints.get("h_l", -nothing)])
+    h = np.concatenate([constraints["h_u"], -constraints["h_l"]])
     finite = np.isfinite(h)
     return np.vstack([G, -G])[finite].reshape(-1, n), h[finite]

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from common.se3 import Array
 from services.retarget.bounds import Box
-from services.retarget.level import Level
-from services.retarget.program import Program
-from services.retarget.rows import Rows, restrict
+from services.retarget.level import Level, Mask
+from services.retarget.program import ProgramMaker, Shape
+from services.retarget.rows import CAPACITY, Rows, restrict
 
 REGULARISATION = 1e-9
 """Weight of a^T H a. It decides between equal solutions and is too small to move the hand."""
@@ -19,41 +17,95 @@ _SLACK = 1e-7
 
 
 class Projection:
-    """a = argmin 1/2 |T (J a - x)|^2 + 1/2 (1e-9 + damping) a^T H a in the box and the rows.
+    """a = argmin 1/2 |T (J a - x)|^2 + 1/2 (1e-9 + damping) a^T H a in the box.
 
-    Below the first level a = base + Z z, where Z leaves the levels above as they are.
+    Only the joints that move the level are unknowns; the others keep what they have.
+
+    Args:
+        H: (n,) joint weights.
+        moves: (n,) mask of the unknowns.
+        make_program: What solves it.
+    """
+
+    def __init__(self, *, H: Array, moves: Mask, make_program: ProgramMaker) -> None:
+        self._all = bool(moves.all())
+        self._columns = moves.nonzero()[0]
+        self._H = H[self._columns]
+        self._program = make_program(Shape(len(self._columns), bounds=True))
+
+    def solve(self, level: Level, base: Array, box: Box, *, damping: float = 0.0) -> Array | None:
+        """Joint velocities (n,) in the box, or None when the solver gives up.
+
+        Args:
+            level: What is wanted.
+            base: (n,) velocities that the other joints keep.
+            box: Bounds.
+            damping: Added weight of a^T H a, near singularities.
+        """
+        TJ, Tx, (lower, upper) = level.T[:, np.newaxis] * level.J, level.T * level.x, box
+        k = self._columns
+        if not self._all:
+            rest = base.copy()
+            rest[k] = 0.0
+            Tx = Tx - TJ @ rest
+            TJ, lower, upper = TJ[:, k], lower[k], upper[k]
+        P = TJ.T @ TJ
+        P.flat[:: len(P) + 1] += (REGULARISATION + damping) * self._H
+        found = self._program.solve(P, -(Tx @ TJ), x_l=lower, x_u=upper)
+        if found is None:
+            return None
+        found = np.minimum(np.maximum(found, lower), upper)
+        if self._all:
+            return found
+        a = base.copy()
+        a[k] = found
+        return a
+
+
+class RowProjection:
+    """The same under Cartesian rows, for the first level, with all joints as unknowns.
 
     Args:
         H: (n,) joint weights.
         make_program: What solves it.
     """
 
-    def __init__(self, *, H: Array, make_program: Callable[[bool], Program]) -> None:
+    def __init__(self, *, H: Array, make_program: ProgramMaker) -> None:
         self._H = H
-        # One workspace per shape.
-        self._plain = make_program(False)
-        self._with_rows = make_program(False)
-        self._below = make_program(True)
-        self._below_with_rows = make_program(True)
+        self._program = make_program(Shape(len(H), CAPACITY, bounds=True))
+        self._h_l = np.full(CAPACITY, -np.inf)
 
-    def solve(
-        self, level: Level, box: Box, rows: Rows | None = None, *, damping: float = 0.0
-    ) -> Array | None:
-        """The first level: joint velocities (n,) in the box, or None when the solver gives up."""
+    def solve(self, level: Level, box: Box, rows: Rows, *, damping: float) -> Array | None:
+        """Joint velocities (n,) in the box and the rows, or None when the solver gives up."""
         TJ = level.T[:, np.newaxis] * level.J
         P = TJ.T @ TJ
         P.flat[:: len(P) + 1] += (REGULARISATION + damping) * self._H
         c = -((level.T * level.x) @ TJ)
-        if rows is None:
-            a = self._plain.solve(P, c, x_l=box.lower, x_u=box.upper)
-        else:
-            a = self._with_rows.solve(P, c, x_l=box.lower, x_u=box.upper, G=rows.C, h_u=rows.U)
+        a = self._program.solve(
+            P, c, x_l=box.lower, x_u=box.upper, G=rows.C, h_l=self._h_l, h_u=rows.U
+        )
         return None if a is None else box.clip(a)
 
-    def solve_below(
+
+class NullSpaceProjection:
+    """The same for a further level: a = base + Z z, where Z leaves the levels above as they are.
+
+    Args:
+        H: (n,) joint weights.
+        spare: k, the number of columns of Z.
+        make_program: What solves it.
+    """
+
+    def __init__(self, *, H: Array, spare: int, make_program: ProgramMaker) -> None:
+        self._H = H
+        n = len(H)
+        self._program = make_program(Shape(spare, n, narrow=True))
+        self._with_rows = make_program(Shape(spare, n + CAPACITY, narrow=True))
+
+    def solve(
         self, level: Level, base: Array, Z: Array, box: Box, rows: Rows | None
     ) -> Array | None:
-        """A further level: joint velocities base + Z z (n,), or None when the solver gives up.
+        """Joint velocities base + Z z (n,), or None when the solver gives up.
 
         Args:
             level: What is wanted.
@@ -66,6 +118,6 @@ class Projection:
         P = TJZ.T @ TJZ + REGULARISATION * (Z.T @ (self._H[:, np.newaxis] * Z))
         c = -((level.T * (level.x - level.J @ base)) @ TJZ)
         G, lower, upper = restrict(Z, base, box, rows)
-        program = self._below if rows is None else self._below_with_rows
+        program = self._program if rows is None else self._with_rows
         z = program.solve(P, c, G=G, h_l=lower - _SLACK, h_u=upper + _SLACK)
         return None if z is None else base + Z @ z

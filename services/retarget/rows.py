@@ -13,6 +13,7 @@ CAPACITY = 12
 """Most rows of one tick. Programs keep their shape; the nearest ones are taken."""
 
 _ANYTHING_M_S = 1e3
+_TIGHT_M_S = 1e-6
 
 
 class Rows(NamedTuple):
@@ -31,6 +32,10 @@ class Rows(NamedTuple):
     def allow(self, a: Array) -> bool:
         """Whether joint velocities (n,) keep all rows."""
         return bool((self.C @ a <= self.U).all())
+
+    def leave_room(self, a: Array) -> bool:
+        """Whether joint velocities (n,) are away from all rows."""
+        return bool((self.C @ a < self.U - _TIGHT_M_S).all())
 
     def slackened(self, slack: Array) -> Rows:
         """The same rows with more room [m/s]."""

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from common.se3 import Array
 from services.retarget.bounds import Box
-from services.retarget.program import Program
-from services.retarget.rows import Rows, restrict
+from services.retarget.program import ProgramMaker, Shape
+from services.retarget.rows import CAPACITY, Rows, restrict
 
 _FLATTEN = 1e-8
 _ROOMS = (0.0, 1e-8, 1e-7)
@@ -31,12 +30,14 @@ class Scaling:
     c = 0, z = 0. A weight of 1e-8 on z keeps the program's solution unique.
 
     Args:
+        n: Number of joints.
+        spare: k, the number of motions that the task does not notice.
         make_program: What solves it.
     """
 
-    def __init__(self, *, make_program: Callable[[bool], Program]) -> None:
-        self._program = make_program(False)
-        self._with_rows = make_program(False)
+    def __init__(self, *, n: int, spare: int, make_program: ProgramMaker) -> None:
+        self._program = make_program(Shape(1 + spare, n, bounds=True))
+        self._with_rows = make_program(Shape(1 + spare, n + CAPACITY, bounds=True))
 
     def solve(
         self, base: Array, a_p: Array, Z: Array, box: Box, rows: Rows | None

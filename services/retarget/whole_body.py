@@ -16,7 +16,7 @@ from services.retarget.collision import Collisions
 from services.retarget.hand_task import compute_hand_twist
 from services.retarget.head_task import HeadTask
 from services.retarget.hierarchy import Hierarchy
-from services.retarget.level import Level
+from services.retarget.level import Level, LevelShape
 from services.retarget.reference import TickReference
 from services.retarget.retargeter import Motion
 from services.retarget.robot_model import RobotModel
@@ -83,10 +83,13 @@ class WholeBodyRetargeter:
         self._collisions = Collisions(self._model, self._obstacles, margin)
         self._head = HeadTask(self._model, spec.head, self._q) if spec.head else None
         self._looks_around = bool(self._head or self._walls or self._collisions)
+        shapes = [LevelShape(6, self._model.hand_joints)]
+        if self._head:
+            shapes.append(self._head.shape)
         self._hierarchy = Hierarchy(
             H=self._H,
             W=self._W,
-            rows=9 if self._head else 6,
+            shapes=shapes,
             mode=self._gains.mode,
             solver=self._gains.solver,
         )
@@ -102,7 +105,7 @@ class WholeBodyRetargeter:
         x1 = compute_hand_twist(
             T_world_hand, reference.T_world_start, reference.twist, self._gains, TICK_S
         )
-        levels = [Level(J1, x1, self._T, self._model.hand_joints)]
+        levels = [Level(J1, x1, self._T)]
         rows = None
         if self._looks_around:
             self._model.update(self._q)

@@ -6,7 +6,7 @@ from scipy.optimize import linprog, lsq_linear, minimize
 
 from services.retarget.bounds import Box, JointBounds
 from services.retarget.hierarchy import Hierarchy
-from services.retarget.level import Level
+from services.retarget.level import Level, LevelShape
 from services.retarget.nullspace import WeightedJacobian
 from services.retarget.rows import Approach, gather_rows
 from services.retarget.whole_body import list_limits
@@ -39,13 +39,15 @@ class _State:
             if possible
             else random.normal(size=6) * random.choice([0.05, 0.3, 1.0])
         )
-        self.levels = [Level(self.J, self.x1, ONES, model.hand_joints)]
+        self.levels = [Level(self.J, self.x1, ONES)]
+        self.shapes = [LevelShape(6, model.hand_joints)]
         if model.spec.head is not None:
             frame = model.find_site(model.spec.head.site)
             model.update(q)
             J_head = model.compute_site(frame)[1][3:]
             x_head = random.normal(size=3) * 0.3
-            self.levels.append(Level(J_head, x_head, np.ones(3), model.list_moving(frame)))
+            self.levels.append(Level(J_head, x_head, np.ones(3)))
+            self.shapes.append(LevelShape(3, model.list_moving(frame)))
         self.x2 = random.normal(size=self.n)
         self.rows = None
 
@@ -61,8 +63,7 @@ class _State:
     def solve(self, x2, *, H=None, W=None, mode="project", solver="piqp"):
         H = np.ones(self.n) if H is None else H
         W = np.ones(self.n) if W is None else W
-        rows = sum(len(level.x) for level in self.levels)
-        hierarchy = Hierarchy(H=H, W=W, rows=rows, mode=mode, solver=solver)
+        hierarchy = Hierarchy(H=H, W=W, shapes=self.shapes, mode=mode, solver=solver)
         return hierarchy.solve(self.levels, x2, self.box, self.rows)
 
     @property
@@ -96,7 +97,7 @@ def test_posture_never_moves_what_is_above_it(name, rows, mode):
 def test_head_never_moves_the_hand(name):
     for state in _states(name, 40, 3):
         one = state.solve(state.x2)
-        state.levels = state.levels[:1]
+        state.levels, state.shapes = state.levels[:1], state.shapes[:1]
         alone = state.solve(state.x2)
         assert np.abs(state.J @ (one.a - alone.a)).max() <= 1e-6
 
@@ -243,20 +244,22 @@ def test_weights_decide_who_moves():
     box = Box(np.full(7, -10.0), np.full(7, 10.0))
     H = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 4.0])
     # Without a wish of its own, the posture keeps its weight out of it.
-    hierarchy = Hierarchy(H=H, W=1e-9 * np.ones(7))
+    hierarchy = Hierarchy(
+        H=H, W=1e-9 * np.ones(7), shapes=[LevelShape(6, np.ones(7, dtype=bool))]
+    )
     x1 = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    level = Level(J1, x1, ONES, np.ones(7, dtype=bool))
+    level = Level(J1, x1, ONES)
     a = hierarchy.solve([level], np.zeros(7), box, None).a
     assert a[[0, 6]] == pytest.approx([0.8, 0.2], abs=1e-6)
 
 
 def test_half_of_the_way_is_reported_as_half():
-    hierarchy = Hierarchy(H=np.ones(7), W=np.ones(7))
+    moves = np.array([True] * 6 + [False])
+    hierarchy = Hierarchy(H=np.ones(7), W=np.ones(7), shapes=[LevelShape(6, moves)])
     box = Box(np.full(7, -0.5), np.full(7, 0.5))
     x1 = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     x2 = np.array([0, 0, 0, 0, 0, 0, 2.0])
-    moves = np.array([True] * 6 + [False])
-    solution = hierarchy.solve([Level(np.eye(6, 7), x1, ONES, moves)], x2, box, None)
+    solution = hierarchy.solve([Level(np.eye(6, 7), x1, ONES)], x2, box, None)
     assert solution.scaling == pytest.approx([0.5, 0.25], abs=1e-3)
     assert solution.a == pytest.approx([0.5, 0, 0, 0, 0, 0, 0.5], abs=1e-6)
 

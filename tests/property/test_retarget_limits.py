@@ -24,6 +24,12 @@ class _Watch:
         self.over = np.maximum(np.maximum(self.q - model.upper, model.lower - self.q), 0.0)
         self.limited, self.touched = 0, np.zeros(len(q), dtype=bool)
 
+    def restart(self, q):
+        """Go on from another start."""
+        other = _Watch(self.model, q)
+        other.limited, other.touched = self.limited, self.touched
+        return other
+
     def check(self, motion):
         q, a = np.array(motion.positions), np.array(motion.velocities)
         assert np.isfinite(q).all()
@@ -66,7 +72,7 @@ def _fuzz(name, seed, mode, ticks):
             q = np.where(at < 0.2, model.upper, np.where(at < 0.4, model.lower, q))
             q = np.where(at > 0.9, model.upper + 0.05, q)
             retargeter.start(q.tolist())
-            watch = _Watch(model, q)
+            watch = watch.restart(q)
         motion = retargeter.follow(reference)
         watch.check(motion)
         failures += motion.failures
