@@ -41,9 +41,10 @@ class Follower(Protocol):
 class PinkPeer:
     """Pink with position, velocity and its opt-in acceleration limits.
 
-    Unit costs of position and orientation, gain 1 and no damping, as its class has by default. The
-    posture has a small cost and the gain of our own posture level. After a tick without solution
-    the robot is held and Pink told so; otherwise its acceleration limit stays infeasible.
+    Position and orientation cost in the same ratio as ours; gain 1 and no damping, as its class has
+    by default. The posture has a small cost and the gain of our own posture level. After a tick
+    without solution the robot is held and Pink told so; otherwise its acceleration limit stays
+    infeasible.
 
     Args:
         model: The robot.
@@ -59,7 +60,11 @@ class PinkPeer:
         self._q = np.array(spec.start_positions)
         self._rest = np.zeros(spec.nv)
         self._configuration = pink.Configuration(self._model, self._model.createData(), self._q)
-        self._hand = FrameTask(spec.tool_site, position_cost=1.0, orientation_cost=1.0)
+        self._hand = FrameTask(
+            spec.tool_site,
+            position_cost=1.0,
+            orientation_cost=spec.retarget.rotation_scale_m,
+        )
         posture = PostureTask(cost=POSTURE_COST, gain=spec.retarget.posture_gain_per_s * TICK_S)
         posture.set_target(_bias(spec))
         self._tasks = [self._hand, posture]
@@ -114,7 +119,10 @@ class MinkPeer:
         self._rest = np.zeros(spec.nv)
         self._configuration: Any = mink.Configuration(model.mj, np.array(spec.start_positions))
         self._hand: Any = mink.FrameTask(
-            spec.tool_site, "site", position_cost=1.0, orientation_cost=1.0
+            spec.tool_site,
+            "site",
+            position_cost=1.0,
+            orientation_cost=spec.retarget.rotation_scale_m,
         )
         gain = spec.retarget.posture_gain_per_s * TICK_S
         posture = mink.PostureTask(model.mj, cost=POSTURE_COST, gain=gain)

@@ -118,8 +118,9 @@ class RetargetSpec(BaseModel):
 
     model_config = _CONFIG
 
-    rotation_scale_m: Positive = 1.0
-    """L: metres that one radian of hand error weighs."""
+    rotation_scale_m: Positive = 0.3
+    """L: metres that one radian of hand error weighs. The pads are 0.27 m ahead of the tool frame:
+    that far one radian moves what they hold."""
     hand_gain_per_s: Positive = 100.0
     """K: hand error to hand velocity."""
     hand_speed_cap_m_s: Positive = 1.5
@@ -170,6 +171,8 @@ class RobotSpec(BaseModel):
             raise ValueError("a free_hand has a [hand] table and no [[joints]]")
         if self.kind == "joints" and (self.hand is not None or not self.joints):
             raise ValueError("a robot of kind joints has [[joints]] and no [hand] table")
+        if self.kind == "free_hand" and self.command_latency_s > 0.0:
+            raise ValueError("a free_hand takes commands at once: no command_latency_s")
         return self
 
     @property

@@ -33,7 +33,7 @@ class Unbounded(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """What multipliers lambda (m,) lead to: velocities in the box, and what the task still lacks."""
+    """What multipliers lambda (m,) lead to: velocities in the box, what the task still lacks."""
 
     multipliers: Array
     a: Array

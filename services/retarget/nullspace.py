@@ -7,8 +7,9 @@ import numpy as np
 from common.se3 import Array
 from services.retarget.lapack import decompose
 
-DAMPED_BELOW = 0.02
-"""e = b: singular values below it are damped [m]."""
+DAMPED_BELOW = 0.05
+"""e = b: singular values below it are damped [m]. With 0.02 a stretched elbow can stay stuck at its
+limit for seconds; working postures have 0.1 and more."""
 
 
 class WeightedJacobian:

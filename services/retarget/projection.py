@@ -42,24 +42,23 @@ class Projection:
             box: Bounds.
             damping: Added weight of a^T H a, near singularities.
         """
-        TJ, Tx, (lower, upper) = level.T[:, np.newaxis] * level.J, level.T * level.x, box
-        k = self._columns
-        if not self._all:
-            rest = base.copy()
-            rest[k] = 0.0
-            Tx = Tx - TJ @ rest
-            TJ, lower, upper = TJ[:, k], lower[k], upper[k]
-        P = TJ.T @ TJ
-        P.flat[:: len(P) + 1] += (REGULARISATION + damping) * self._H
-        found = self._program.solve(P, -(Tx @ TJ), x_l=lower, x_u=upper)
+        if self._all:
+            return self._solve_own(level, box, damping)
+        k, a = self._columns, base.copy()
+        a[k] = 0.0
+        own = Level(level.J[:, k], level.x - level.J @ a, level.T)
+        found = self._solve_own(own, Box(box.lower[k], box.upper[k]), damping)
         if found is None:
             return None
-        found = np.minimum(np.maximum(found, lower), upper)
-        if self._all:
-            return found
-        a = base.copy()
         a[k] = found
         return a
+
+    def _solve_own(self, level: Level, box: Box, damping: float) -> Array | None:
+        TJ = level.T[:, np.newaxis] * level.J
+        P = TJ.T @ TJ
+        P.flat[:: len(P) + 1] += (REGULARISATION + damping) * self._H
+        a = self._program.solve(P, -((level.T * level.x) @ TJ), x_l=box.lower, x_u=box.upper)
+        return None if a is None else box.clip(a)
 
 
 class RowProjection:

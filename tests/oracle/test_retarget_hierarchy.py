@@ -7,7 +7,7 @@ from scipy.optimize import linprog, lsq_linear, minimize
 from services.retarget.bounds import Box, JointBounds
 from services.retarget.hierarchy import Hierarchy
 from services.retarget.level import Level, LevelShape
-from services.retarget.nullspace import WeightedJacobian
+from services.retarget.nullspace import DAMPED_BELOW, WeightedJacobian
 from services.retarget.rows import Approach, gather_rows
 from services.retarget.whole_body import list_limits
 from tests.retarget_runs import BODIES, robot_model
@@ -69,7 +69,7 @@ class _State:
     @property
     def is_regular(self):
         # Near a singularity the hand is damped on purpose.
-        return np.linalg.svd(self.J)[1][-1] > 0.05
+        return np.linalg.svd(self.J)[1][-1] > 2.0 * DAMPED_BELOW
 
 
 def _states(name, count, seed=0, *, rows=False):
@@ -244,9 +244,7 @@ def test_weights_decide_who_moves():
     box = Box(np.full(7, -10.0), np.full(7, 10.0))
     H = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 4.0])
     # Without a wish of its own, the posture keeps its weight out of it.
-    hierarchy = Hierarchy(
-        H=H, W=1e-9 * np.ones(7), shapes=[LevelShape(6, np.ones(7, dtype=bool))]
-    )
+    hierarchy = Hierarchy(H=H, W=1e-9 * np.ones(7), shapes=[LevelShape(6, np.ones(7, dtype=bool))])
     x1 = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     level = Level(J1, x1, ONES)
     a = hierarchy.solve([level], np.zeros(7), box, None).a
@@ -275,6 +273,7 @@ def test_null_space_and_damping():
     assert hand.damping == 0.0
     J1[5] = J1[4] + 1e-6 * random.normal(size=9)
     singular = WeightedJacobian(J1, H_root)
-    assert singular.damping == pytest.approx(0.02**2, rel=1e-6)
+    assert singular.damping == pytest.approx(DAMPED_BELOW**2, rel=1e-6)
     # Far from what 1 / s would ask for.
-    assert np.abs(singular.pseudo_inverse(y)).max() < np.linalg.norm(y) / 0.02 / H_root.min()
+    most = np.linalg.norm(y) / DAMPED_BELOW / H_root.min()
+    assert np.abs(singular.pseudo_inverse(y)).max() < most
