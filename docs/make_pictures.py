@@ -1,4 +1,4 @@
-"""Draw the pictures of the README: python -m docs.make_pictures."""
+"""Draw the pictures of the README and the docs: python -m docs.make_pictures."""
 
 from __future__ import annotations
 
@@ -6,30 +6,59 @@ import io
 import threading
 from pathlib import Path
 
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from client.offline import run_in_process
 from client.progress import LineProgress
 from client.record import EvaluationRecord
 from common.api import EvaluationRequest
+from common.robots import list_robots, load_robot
+from common.tasks import load_task
+from common.tasks.recording import load_recording
+from common.tasks.task import SceneCamera
+from examples.retarget_recorded import follow
+from examples.retarget_sheet import draw_sheet
+from services.retarget.robot_model import RobotModel
+from services.sim.camera import SceneRenderer
+from services.sim.world import World
 
 FOLDER = Path(__file__).parent / "pictures"
-ROBOTS = ("abstract", "panda")
-MOMENTS = ("start", "grasp", "release")
 EDGE_PX = 6
+WHITE, INK = (255, 255, 255), (40, 40, 40)
+
+LID_ROBOTS = ("abstract", "panda")
+MOMENTS = ("start", "grasp", "release")
+
+PORTRAIT_PX = (236, 300)
+CAPTION_PX = 24
+PORTRAIT = SceneCamera(position_m=(1.62, -1.62, 1.56), target_m=(0.13, -0.08, 0.81), fovy_deg=45.0)
+"""From where the task is seen as well, but further back: whole robots."""
+
+RETARGETED = "gr1"
+"""The robot with the most joints, and with a head."""
 
 
 def main() -> None:
-    """One episode per robot: a row of scene views, and what the left eye sees below each."""
-    request = EvaluationRequest(tasks=["lid"], robots=list(ROBOTS), policy="expert", trials=1)
+    """Draw all of them."""
+    FOLDER.mkdir(exist_ok=True)
+    draw_lid().save(FOLDER / "lid.png", optimize=True)
+    draw_robots().save(FOLDER / "robots.png", optimize=True)
+    recording, obstacles = load_recording("lid"), load_task("lid").obstacles
+    run = follow(RobotModel(load_robot(RETARGETED)), recording, obstacles)
+    sheet = draw_sheet(run, title=f"{run.model.spec.title} · {recording.task}")
+    sheet.savefig(FOLDER / "retarget.png", pil_kwargs={"optimize": True})
+
+
+def draw_lid() -> Image.Image:
+    """One episode per robot: a row of scene views, and what the left eye sees in each."""
+    request = EvaluationRequest(tasks=["lid"], robots=list(LID_ROBOTS), policy="expert", trials=1)
     record = run_in_process(request, progress=LineProgress(io.StringIO()), stop=threading.Event())
-    rows = [draw_row(record, robot) for robot in ROBOTS]
+    rows = [draw_row(record, robot) for robot in LID_ROBOTS]
     width, height = rows[0].size
-    sheet = Image.new("RGB", (width, len(rows) * (height + EDGE_PX) - EDGE_PX), "white")
+    sheet = Image.new("RGB", (width, len(rows) * (height + EDGE_PX) - EDGE_PX), WHITE)
     for number, row in enumerate(rows):
         sheet.paste(row, (0, number * (height + EDGE_PX)))
-    FOLDER.mkdir(exist_ok=True)
-    sheet.save(FOLDER / "lid.png", optimize=True)
+    return sheet
 
 
 def draw_row(record: EvaluationRecord, robot: str) -> Image.Image:
@@ -41,10 +70,33 @@ def draw_row(record: EvaluationRecord, robot: str) -> Image.Image:
         eye = Image.open(io.BytesIO(record.picture(trial, f"{moment}-left"))).convert("RGB")
         scene.paste(eye, (scene.width - eye.width, 0))
         scenes.append(scene)
-    width, height = scenes[0].size
-    row = Image.new("RGB", (len(scenes) * (width + EDGE_PX) - EDGE_PX, height), "white")
-    for number, scene in enumerate(scenes):
-        row.paste(scene, (number * (width + EDGE_PX), 0))
+    return join(scenes)
+
+
+def draw_robots() -> Image.Image:
+    """Every robot at the start of the lid task, with its title below."""
+    return join([draw_portrait(robot) for robot in list_robots()])
+
+
+def draw_portrait(robot: str) -> Image.Image:
+    """One robot at the start of the lid task, with its title below."""
+    world = World(task=load_task("lid"), robot=load_robot(robot), seed=0)
+    width, height = PORTRAIT_PX
+    renderer = SceneRenderer(world.model, width=width, height=height, supersample=2)
+    portrait = Image.new("RGB", (width, height + CAPTION_PX), WHITE)
+    portrait.paste(Image.fromarray(renderer.render(world.data, PORTRAIT)), (0, 0))
+    place = (width / 2, height + CAPTION_PX / 2)
+    font = ImageFont.load_default(size=14)
+    ImageDraw.Draw(portrait).text(place, world.robot.title, INK, font, anchor="mm")
+    return portrait
+
+
+def join(pictures: list[Image.Image]) -> Image.Image:
+    """Pictures of one size side by side."""
+    width, height = pictures[0].size
+    row = Image.new("RGB", (len(pictures) * (width + EDGE_PX) - EDGE_PX, height), WHITE)
+    for number, picture in enumerate(pictures):
+        row.paste(picture, (number * (width + EDGE_PX), 0))
     return row
 
 
