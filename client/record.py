@@ -59,6 +59,16 @@ def in_mm(value_m: float | None) -> str:
     return "-" if value_m is None else f"{1e3 * value_m:.1f}"
 
 
+def in_ms(value_s: float | None) -> str:
+    """Seconds as milliseconds for a table."""
+    return "-" if value_s is None else f"{1e3 * value_s:.2f}"
+
+
+def in_percent(share: float | None) -> str:
+    """A share as per cent for a table."""
+    return "-" if share is None else f"{100 * share:.1f}"
+
+
 def as_factor(value: float | None) -> str:
     """A real-time factor for a table."""
     return "-" if value is None else f"{value:.1f}x"

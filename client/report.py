@@ -9,7 +9,14 @@ from pathlib import Path
 from string import Template
 
 from client.album import Strip, choose_strips
-from client.record import EvaluationRecord, as_factor, describe_success, in_mm
+from client.record import (
+    EvaluationRecord,
+    as_factor,
+    describe_success,
+    in_mm,
+    in_ms,
+    in_percent,
+)
 from common.api import CellSummary, Evaluation, Trial
 from common.errors import NotWritable
 
@@ -41,6 +48,7 @@ def render_report(record: EvaluationRecord, *, command: str) -> str:
     parts = (
         _summary(evaluation, command),
         _results(evaluation),
+        _retargeting(evaluation),
         _pictures(choose_strips(record)),
         _failures(record.trials),
         _aborted(record.trials),
@@ -105,6 +113,31 @@ def _result_row(cell: CellSummary) -> tuple[str, ...]:
         *(str(cell.failures), str(cell.aborted)),
         *(in_mm(cell.median_hand_error_m), in_mm(cell.p95_hand_error_m)),
         escape(as_factor(cell.real_time_factor)),
+    )
+
+
+def _retargeting(evaluation: Evaluation) -> Iterator[str]:
+    yield "<h2>Retargeting</h2>"
+    yield from _table(
+        (
+            *("Task", "Robot", "Policy", "Hand task achieved, mean [%]", "least [%]"),
+            *("Ticks at a limit [%]", "Fallbacks", "Solve time, median [ms]", "p99 [ms]"),
+        ),
+        [_retargeting_row(cell) for cell in evaluation.cells],
+    )
+    yield (
+        '<p class="note">The hand task is the motion that keeps the gripper on its reference; '
+        "limits of joints, walls and collisions may leave only a share of it. A fallback is a tick "
+        "whose program was not solved: the robot then does less than it could.</p>"
+    )
+
+
+def _retargeting_row(cell: CellSummary) -> tuple[str, ...]:
+    return (
+        *(escape(cell.task), f"<b>{escape(cell.robot)}</b>", escape(cell.policy)),
+        *(in_percent(cell.mean_hand_scaling), in_percent(cell.least_hand_scaling)),
+        *(in_percent(cell.limited_share), str(cell.solver_failures)),
+        *(in_ms(cell.median_solve_time_s), in_ms(cell.p99_solve_time_s)),
     )
 
 

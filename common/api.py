@@ -62,7 +62,10 @@ class CellSummary(BaseModel):
 
     `success_rate` = successes / (successes + failures + aborted): what could not be run to its end
     is not taken out of the count. Hand errors are medians over trials of each trial's median and
-    95th percentile; the real-time factor is simulated over wall time, summed over trials.
+    95th percentile, solve times of its median and 99th percentile. The share c_1 of the hand task
+    is the mean and the least over all trials, the share of ticks with an active limit the mean;
+    fallbacks of the solver are summed. The real-time factor is simulated over wall time, summed
+    over trials.
     """
 
     model_config = _CONFIG
@@ -81,6 +84,12 @@ class CellSummary(BaseModel):
     """Wilson interval of the success rate."""
     median_hand_error_m: float | None
     p95_hand_error_m: float | None
+    mean_hand_scaling: float | None
+    least_hand_scaling: float | None
+    limited_share: float | None
+    solver_failures: int
+    median_solve_time_s: float | None
+    p99_solve_time_s: float | None
     real_time_factor: float | None
     trace_sha256: list[str | None]
     """One hash per trial, in order; null where a trial has no trace (pending, aborted)."""

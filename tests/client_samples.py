@@ -23,7 +23,7 @@ def make_request(**fields) -> EvaluationRequest:
 
 
 def make_result(*, outcome="success", reason="placed", failed=()) -> TrialResult:
-    spread = Distribution(median=0.001, p95=0.004, largest=0.01)
+    spread = Distribution(median=0.001, p95=0.004, p99=0.008, largest=0.01)
     return TrialResult(
         outcome=outcome,
         reason=reason,
@@ -34,6 +34,10 @@ def make_result(*, outcome="success", reason="placed", failed=()) -> TrialResult
         goal_distance_m=0.01,
         hand_error_m=spread,
         hand_error_rad=spread,
+        hand_scaling_mean=0.998,
+        hand_scaling_least=0.25,
+        limited_share=0.125,
+        solver_failures=0,
         solve_time_s=spread,
         inference_s=spread,
         stages=StageTimes(physics_s=0.1, camera_s=0.1, waiting_s=0.1, solve_s=0.1, inference_s=0.1),
@@ -91,6 +95,12 @@ def make_cell(robot="panda", **fields) -> CellSummary:
         "interval95": (0.095, 0.905),
         "median_hand_error_m": 0.0012,
         "p95_hand_error_m": 0.0047,
+        "mean_hand_scaling": 0.998,
+        "least_hand_scaling": 0.25,
+        "limited_share": 0.125,
+        "solver_failures": 3,
+        "median_solve_time_s": 0.00011,
+        "p99_solve_time_s": 0.00042,
         "real_time_factor": 10.4,
         "trace_sha256": [SHA, None],
     }

@@ -33,7 +33,7 @@ CATALOG = Catalog(
 
 def make_result(outcome: str = "success", reason: str = "lid closed", *, seed: int = 0):
     """A result as the simulation sends it; the trace depends on the seed alone."""
-    spread = Distribution(median=0.01, p95=0.02, largest=0.03)
+    spread = Distribution(median=0.01, p95=0.02, p99=0.025, largest=0.03)
     return TrialResult(
         outcome=outcome,
         reason=reason,
@@ -44,6 +44,10 @@ def make_result(outcome: str = "success", reason: str = "lid closed", *, seed: i
         goal_distance_m=0.001,
         hand_error_m=spread,
         hand_error_rad=spread,
+        hand_scaling_mean=0.99,
+        hand_scaling_least=0.5,
+        limited_share=0.125,
+        solver_failures=1,
         solve_time_s=spread,
         inference_s=spread,
         stages=StageTimes(physics_s=0.1, camera_s=0.1, waiting_s=0.3, solve_s=0.1, inference_s=0.1),

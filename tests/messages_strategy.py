@@ -14,11 +14,17 @@ name = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,20}", fullmatch=True)
 step = st.integers(0, 2**53)
 
 
-def vector(n: int) -> st.SearchStrategy[list[float]]:
-    return st.lists(finite, min_size=n, max_size=n)
+def vector(n: int, numbers: st.SearchStrategy[float] = finite) -> st.SearchStrategy[list[float]]:
+    return st.lists(numbers, min_size=n, max_size=n)
 
 
-joints = st.lists(finite, min_size=1, max_size=64)
+def unit(values: list[float]) -> list[float]:
+    return [value / math.hypot(*values) for value in values]
+
+
+quaternion = vector(4, st.floats(-1, 1)).filter(lambda q: math.hypot(*q) > 0.1).map(unit)
+pose = st.builds(lambda p, q: p + q, vector(3), quaternion)
+joints = st.lists(st.floats(-1000, 1000), min_size=1, max_size=64)
 header = st.builds(
     m.Header,
     cell=name,
@@ -33,7 +39,8 @@ header = st.builds(
 reply = {"header": header, "for_step": step, "request_t_mono_ns": step}
 motors = vector(2)
 samples = st.lists(positive, min_size=1, max_size=10)
-distribution = st.builds(m.Distribution, median=finite, p95=finite, largest=finite)
+share = st.floats(0, 1)
+distribution = st.builds(m.Distribution, median=finite, p95=finite, p99=finite, largest=finite)
 
 
 @st.composite
@@ -78,6 +85,10 @@ result = st.builds(
     goal_distance_m=positive,
     hand_error_m=distribution,
     hand_error_rad=distribution,
+    hand_scaling_mean=share,
+    hand_scaling_least=share,
+    limited_share=share,
+    solver_failures=step,
     solve_time_s=distribution,
     inference_s=distribution,
     stages=st.builds(
@@ -109,12 +120,14 @@ STRATEGIES: dict[type[m.Message], st.SearchStrategy[m.Message]] = {
     m.RetargetStatus: st.builds(
         m.RetargetStatus,
         **reply,
-        T_world_reference=vector(7),
-        T_world_tool=vector(7),
+        T_world_reference=pose,
+        T_world_tool=pose,
         hand_error_m=samples,
         hand_error_rad=samples,
-        scaling=st.lists(st.floats(0, 1), max_size=8),
+        hand_scaling=st.lists(share, min_size=1, max_size=10),
+        scaling=st.lists(share, max_size=8),
         active_limits=st.lists(st.text(max_size=10), max_size=4),
+        limited_ticks=step,
         solve_time_s=samples,
         solver_failures=step,
     ),
@@ -144,8 +157,8 @@ STRATEGIES: dict[type[m.Message], st.SearchStrategy[m.Message]] = {
         steps=st.lists(
             st.builds(
                 m.ActionStep,
-                translation_m=vector(3),
-                rotation_rad=vector(3),
+                translation_m=vector(3, st.floats(-0.5, 0.5)),
+                rotation_rad=vector(3, st.floats(-1.8, 1.8)),
                 grasp=st.booleans(),
             ),
             min_size=1,
@@ -156,8 +169,8 @@ STRATEGIES: dict[type[m.Message], st.SearchStrategy[m.Message]] = {
     m.GroundTruth: st.builds(
         m.GroundTruth,
         header=header,
-        T_world_tool=vector(7),
-        objects=st.dictionaries(st.text(max_size=8), vector(7), max_size=3),
+        T_world_tool=pose,
+        objects=st.dictionaries(st.text(max_size=8), pose, max_size=3),
         opening_m=finite,
     ),
     m.EpisodeConfigure: st.builds(

@@ -10,7 +10,7 @@ from sqlalchemy.engine import Dialect
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeDecorator
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 class UtcDateTime(TypeDecorator[datetime]):
@@ -75,6 +75,12 @@ class TrialRow(Base):
     result: Mapped[dict[str, Any] | None]
     hand_error_median_m: Mapped[float | None]
     hand_error_p95_m: Mapped[float | None]
+    hand_scaling_mean: Mapped[float | None]
+    hand_scaling_least: Mapped[float | None]
+    limited_share: Mapped[float | None]
+    solver_failures: Mapped[int | None]
+    solve_time_median_s: Mapped[float | None]
+    solve_time_p99_s: Mapped[float | None]
     sim_time_s: Mapped[float | None]
     wall_time_s: Mapped[float | None]
     trace_sha256: Mapped[str | None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from typing import Literal, TypeAlias, cast
 
 from sqlalchemy import select
@@ -26,18 +27,7 @@ from services.control.summary import TrialFacts, summarise
 
 AttemptOutcome: TypeAlias = Literal["running", "success", "failure", "aborted", "cancelled"]
 
-_FACTS = (
-    TrialRow.task,
-    TrialRow.robot,
-    TrialRow.policy,
-    TrialRow.index,
-    TrialRow.status,
-    TrialRow.hand_error_median_m,
-    TrialRow.hand_error_p95_m,
-    TrialRow.sim_time_s,
-    TrialRow.wall_time_s,
-    TrialRow.trace_sha256,
-)
+_FACTS = tuple(getattr(TrialRow, field.name) for field in fields(TrialFacts))
 
 
 class Queries:

@@ -26,7 +26,8 @@ async def follow(
         while True:
             event = await run_in_threadpool(plane.progress, evaluation, trial)
             yield _format("progress", event)
-            if event.evaluation.status != "running":
+            # The state is newer than the change that was asked about: tell of the others first.
+            if event.evaluation.status != "running" and not subscription.is_behind:
                 yield _format("end", event)
                 return
             while (change := await subscription.next_change(heartbeat_s)) is None:

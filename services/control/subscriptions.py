@@ -36,6 +36,11 @@ class Subscription:
         self._loop = loop
         self._queue: asyncio.Queue[Change] = asyncio.Queue(_MOST_WAITING)
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether changes wait to be taken."""
+        return not self._queue.empty()
+
     async def next_change(self, timeout_s: float) -> Change | None:
         """Wait for a change; None when the time is over."""
         try:

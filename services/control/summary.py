@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from common.api import CellSummary, EvaluationRequest, TrialStatus
@@ -22,6 +22,12 @@ class TrialFacts:
         status: Where the trial stands.
         hand_error_median_m: Median of the hand error over the trial [m].
         hand_error_p95_m: 95th percentile of the hand error over the trial [m].
+        hand_scaling_mean: Share of the hand task achieved, mean over the trial.
+        hand_scaling_least: The smallest of them.
+        limited_share: Share of ticks with an active limit.
+        solver_failures: Ticks in which the retargeter fell back.
+        solve_time_median_s: Median of the retargeting step's time over the trial [s].
+        solve_time_p99_s: Its 99th percentile [s].
         sim_time_s: Simulated time [s].
         wall_time_s: Time it took [s].
         trace_sha256: Hash of the trace.
@@ -34,19 +40,33 @@ class TrialFacts:
     status: TrialStatus
     hand_error_median_m: float | None = None
     hand_error_p95_m: float | None = None
+    hand_scaling_mean: float | None = None
+    hand_scaling_least: float | None = None
+    limited_share: float | None = None
+    solver_failures: int | None = None
+    solve_time_median_s: float | None = None
+    solve_time_p99_s: float | None = None
     sim_time_s: float | None = None
     wall_time_s: float | None = None
     trace_sha256: str | None = None
 
 
-def measurements_of(result: TrialResult | None) -> dict[str, float | str | None]:
-    """The fields of `TrialFacts` that come from a result."""
+def measurements_of(result: TrialResult | None) -> dict[str, float | str]:
+    """The fields of `TrialFacts` that come from a result; none without one."""
+    if result is None:
+        return {}
     return {
-        "hand_error_median_m": None if result is None else result.hand_error_m.median,
-        "hand_error_p95_m": None if result is None else result.hand_error_m.p95,
-        "sim_time_s": None if result is None else result.sim_time_s,
-        "wall_time_s": None if result is None else result.wall_time_s,
-        "trace_sha256": None if result is None else result.trace_sha256,
+        "hand_error_median_m": result.hand_error_m.median,
+        "hand_error_p95_m": result.hand_error_m.p95,
+        "hand_scaling_mean": result.hand_scaling_mean,
+        "hand_scaling_least": result.hand_scaling_least,
+        "limited_share": result.limited_share,
+        "solver_failures": result.solver_failures,
+        "solve_time_median_s": result.solve_time_s.median,
+        "solve_time_p99_s": result.solve_time_s.p99,
+        "sim_time_s": result.sim_time_s,
+        "wall_time_s": result.wall_time_s,
+        "trace_sha256": result.trace_sha256,
     }
 
 
@@ -77,10 +97,10 @@ def _summarise_lane(
     hashes: list[str | None] = [None] * trials
     for fact in facts:
         hashes[fact.index] = fact.trace_sha256
-    sim_s = sum(f.sim_time_s for f in facts if f.sim_time_s is not None)
-    wall_s = sum(f.wall_time_s for f in facts if f.wall_time_s is not None)
-    medians = [f.hand_error_median_m for f in facts if f.hand_error_median_m is not None]
-    p95s = [f.hand_error_p95_m for f in facts if f.hand_error_p95_m is not None]
+    sim_s, wall_s = (
+        sum(_known(facts, lambda f: f.sim_time_s)),
+        sum(_known(facts, lambda f: f.wall_time_s)),
+    )
     return CellSummary(
         task=task,
         robot=robot,
@@ -92,11 +112,26 @@ def _summarise_lane(
         aborted=count["aborted"],
         success_rate=count["success"] / done if done else None,
         interval95=wilson_interval95(count["success"], done),
-        median_hand_error_m=median(medians),
-        p95_hand_error_m=median(p95s),
+        median_hand_error_m=median(_known(facts, lambda f: f.hand_error_median_m)),
+        p95_hand_error_m=median(_known(facts, lambda f: f.hand_error_p95_m)),
+        mean_hand_scaling=_mean(_known(facts, lambda f: f.hand_scaling_mean)),
+        least_hand_scaling=min(_known(facts, lambda f: f.hand_scaling_least), default=None),
+        limited_share=_mean(_known(facts, lambda f: f.limited_share)),
+        solver_failures=sum(f.solver_failures or 0 for f in facts),
+        median_solve_time_s=median(_known(facts, lambda f: f.solve_time_median_s)),
+        p99_solve_time_s=median(_known(facts, lambda f: f.solve_time_p99_s)),
         real_time_factor=sim_s / wall_s if wall_s > 0 else None,
         trace_sha256=hashes,
     )
+
+
+def _known(facts: list[TrialFacts], measured: Callable[[TrialFacts], float | None]) -> list[float]:
+    """A measurement of all trials that have it."""
+    return [value for fact in facts if (value := measured(fact)) is not None]
+
+
+def _mean(values: list[float]) -> float | None:
+    return sum(values) / len(values) if values else None
 
 
 _ENDED: tuple[TrialStatus, ...] = ("success", "failure", "aborted")

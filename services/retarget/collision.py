@@ -85,7 +85,7 @@ class Collisions:
         return Approach(row, distance_m, speed, name)
 
     def _project(self, joint: int, point: Array, n: Array) -> Array:
-        """N' J_p (n,) of a point that a joint carries."""
+        """Row n' J_p (n,) of a point that a joint carries."""
         if joint == 0:
             return np.zeros(self._model.pin.nv)
         model = self._model

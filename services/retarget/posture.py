@@ -49,7 +49,7 @@ class PostureLevel:
         self._with_rows = make_program(Shape(spare, n + CAPACITY, narrow=True)) if spare else None
 
     def optimum(self, x: Array) -> Array:
-        """Y (n,): where the posture velocities x (n,) would be best, alone."""
+        """Optimum y (n,): where the posture velocities x (n,) would be best, alone."""
         return self._pull * x
 
     def solve(self, Z: Array, a1: Array, y: Array, box: Box, rows: Rows | None) -> Postured:

@@ -82,7 +82,6 @@ class Measurements:
             inference_s=sum(self.inference_s),
         )
 
-
     def result(
         self,
         ending: Ending,

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Iterable, Sequence
 
 from common.calibration import load_calibration
-from common.errors import LegatoError
+from common.errors import InvalidValue, LegatoError
 from common.messages import (
     EpisodeAbort,
     EpisodeConfigure,
@@ -29,6 +29,8 @@ from services.sim.world import TOOL_SITE, World
 
 log = logging.getLogger(__name__)
 
+_TAKE_PART = {"sim", "retarget", "gripper", "policy"}
+"""Kinds of nodes that every episode has: reasons name them."""
 _ANSWERS = (RobotCommand, RetargetStatus, MotorCommand, PolicyAction)
 
 
@@ -101,6 +103,10 @@ class SimReactor(Reactor):
         self._running = False
         problem = None
         try:
+            if missing := _TAKE_PART - configure.nodes.keys():
+                named = ", ".join(sorted(configure.nodes)) or "none"
+                expected = f"also {', '.join(sorted(missing))}"
+                raise InvalidValue("EpisodeConfigure.nodes", named, expected)
             world = World(
                 task=load_task(configure.task),
                 robot=load_robot(configure.robot),

@@ -193,7 +193,7 @@ class HandServos:
         _check("positions", 7, positions)
         _check("velocities", 6, velocities)
         if not has_unit_quaternion(positions):
-            raise InvalidValue("the commanded quaternion", positions[3:], "length 1")
+            raise InvalidValue("RobotCommand quaternion", positions[3:], "length 1")
         self._to_p[:] = positions[:3]
         self._to_R = matrix_from_quat(positions[3:])
         self._turn = log3(self._from_R.T @ self._to_R)

@@ -111,8 +111,10 @@ class World:
 
     def is_bounded(self) -> bool:
         """Whether the state still is one: finite, and within what messages may carry."""
-        largest = max(np.abs(self.data.qpos).max(), np.abs(self.data.qvel).max())
-        return bool(largest <= LARGEST_JOINT_VALUE)
+        return all(
+            bool((np.abs(values) <= LARGEST_JOINT_VALUE).all())
+            for values in (self.data.qpos, self.data.qvel)
+        )
 
     def _pose(self, body: _Body) -> Array:
         return make_pose(self.data.xmat[body.body_id].reshape(3, 3), self.data.xpos[body.body_id])

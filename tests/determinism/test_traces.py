@@ -11,11 +11,13 @@ import pytest
 from client.offline import run_in_process
 from client.progress import LineProgress
 from common.api import EvaluationRequest
+from common.robots import list_robots
 from tests.deployments import running, wait_until_done
 
 pytestmark = pytest.mark.processes
 
 ROBOTS = ["abstract", "panda"]
+"""Enough where the robot does not matter."""
 
 
 def request(**changes: object) -> EvaluationRequest:
@@ -38,12 +40,14 @@ def traces_in_process(**changes: object) -> dict[str, list[str | None]]:
 
 
 def test_processes_and_one_process_agree_bit_for_bit(tmp_path: Path):
-    inline = traces_in_process()
-    with running(tmp_path) as (_, _, client):
-        evaluation = wait_until_done(client, client.submit(request()).id)
+    """Every robot: each has a retargeter process of its own."""
+    robots = list_robots()
+    inline = traces_in_process(robots=robots)
+    with running(tmp_path, robots=tuple(robots)) as (_, _, client):
+        evaluation = wait_until_done(client, client.submit(request(robots=robots)).id)
     over_processes = {cell.robot: cell.trace_sha256 for cell in evaluation.cells}
-    assert set(over_processes) == set(ROBOTS)
-    for robot in ROBOTS:
+    assert set(over_processes) == set(robots)
+    for robot in robots:
         assert [len(trace or "") for trace in inline[robot]] == [64]
         assert inline[robot] == over_processes[robot]
 

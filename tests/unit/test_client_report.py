@@ -75,6 +75,12 @@ def test_report_shows_what_was_run_and_what_came_out():
         assert expected in text, expected
 
 
+def test_report_shows_how_the_retargeter_did():
+    text = render_report(make_record(), command="legato demo")
+    row = "<td><b>panda</b></td><td>expert</td><td>99.8</td><td>25.0</td><td>12.5</td>"
+    assert row + "<td>3</td><td>0.11</td><td>0.42</td>" in text
+
+
 def test_report_lists_failed_conditions():
     trial = make_trial(status="failure")
     result = trial.result.model_copy(update={"failed_conditions": ["upright", "released"]})
@@ -140,7 +146,8 @@ def test_json_has_exactly_the_agreed_fields():
     assert set(shown["cells"][0]) == {
         *("task", "robot", "policy", "trials", "successes", "failures", "aborted"),
         *("success_rate", "interval95", "median_hand_error_m", "p95_hand_error_m"),
-        *("real_time_factor", "trace_sha256"),
+        *("mean_hand_scaling", "least_hand_scaling", "limited_share", "solver_failures"),
+        *("median_solve_time_s", "p99_solve_time_s", "real_time_factor", "trace_sha256"),
     }
 
 

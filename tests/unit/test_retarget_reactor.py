@@ -84,6 +84,8 @@ def test_a_state_is_answered_by_status_and_command(reactor, robot):
     assert status.T_world_reference == pytest.approx([0.1, -0.3, 0.8, 1, 0, 0, 0], abs=1e-6)
     assert status.hand_error_m == pytest.approx([0.0] * 10, abs=1e-9)
     assert status.solver_failures == 0
+    assert status.hand_scaling == [1.0] * 10
+    assert (status.active_limits, status.limited_ticks) == ([], 0)
     assert len(status.solve_time_s) == 10
     assert min(status.solve_time_s) > 0.0
 
@@ -105,7 +107,7 @@ def test_a_due_action_is_waited_for(reactor):
     assert reactor.handle([state(0, due=0)]) == []
     # A resend changes nothing, and neither does an action for a later frame.
     assert reactor.handle([state(0, due=0)]) == []
-    assert reactor.handle([action(10, step([9.0, 0, 0]))]) == []
+    assert reactor.handle([action(10, step([0.9, 0, 0]))]) == []
     (command,) = reactor.handle([action(0)])
     assert command.for_step == 0
     assert command.velocities != pytest.approx([0.0] * 7, abs=1e-6)
@@ -140,7 +142,7 @@ def test_in_real_time_an_action_applies_at_the_next_state(reactor):
     (command,) = reactor.handle([state(3, "abstract")])
     assert command.positions[0] == pytest.approx(0.11)
     # An older action that arrives late is not played back.
-    reactor.handle([action(0, step([-5.0, 0, 0]))])
+    reactor.handle([action(0, step([-0.5, 0, 0]))])
     (command,) = reactor.handle([state(4, "abstract")])
     assert command.positions[0] == pytest.approx(0.12)
 
@@ -208,6 +210,19 @@ def test_hand_error_is_measured_against_the_measured_pose(reactor):
     status, _ = reactor.handle([state(9, "abstract", positions=away)])
     assert status.hand_error_m == pytest.approx([0.0] * 9 + [0.03])
     assert status.T_world_tool == pytest.approx(away)
+
+
+def test_status_tells_what_held_the_hand_back(reactor):
+    reactor.handle([configure(), action(0, step([0.05, 0, 0]))])
+    for tick in range(9):
+        reactor.handle([state(tick, due=-1 if tick else 0)])
+    status, _ = reactor.handle([state(9)])
+    assert len(status.hand_scaling) == 10
+    assert min(status.hand_scaling) == status.scaling[0] < 1.0
+    # From rest it can only set off as fast as its accelerations allow.
+    assert status.hand_scaling[0] < 1.0
+    assert status.active_limits
+    assert 0 < status.limited_ticks <= 10
 
 
 def test_the_start_message_is_not_needed(reactor):

@@ -10,6 +10,7 @@ import pytest
 from common import messages as m
 from common.calibration.four_bar import OPEN_RAD
 from common.clock import FRAME_TICKS
+from common.robots import RobotSpec, load_robot
 from services.sim.reactor import SimReactor
 
 CELL = "sim-0"
@@ -68,8 +69,10 @@ def status(step: int) -> m.RetargetStatus:
         hand_error_m=[0.001] * FRAME_TICKS,
         hand_error_rad=[0.0] * FRAME_TICKS,
         solve_time_s=[1e-4] * FRAME_TICKS,
-        scaling=[1.0],
-        active_limits=[],
+        hand_scaling=[0.5] + [1.0] * (FRAME_TICKS - 1),
+        scaling=[0.5],
+        active_limits=["joint1"],
+        limited_ticks=2,
         solver_failures=0,
     )
 
@@ -123,9 +126,10 @@ def test_an_episode_opens_with_frame_truth_and_states():
         ({"task": "lidd"}, "E-UNKNOWN-NAME"),
         ({"robot": "pnda"}, "E-UNKNOWN-NAME"),
         ({"camera": "t256"}, "E-UNKNOWN-NAME"),
+        ({"nodes": {"sim": CELL, "gripper": "hand"}}, "E-INVALID-VALUE"),
     ],
 )
-def test_what_it_cannot_prepare_is_a_problem(wrong: dict[str, str], code: str):
+def test_what_it_cannot_prepare_is_a_problem(wrong: dict[str, object], code: str):
     reactor = SimReactor(node=CELL)
     (ready,) = reactor.handle([configure(**wrong)])
     assert isinstance(ready, m.EpisodeReady)
@@ -196,6 +200,63 @@ def test_a_command_that_does_not_fit_the_robot_aborts_and_does_not_crash():
     (result,) = of(m.EpisodeResult, messages)
     assert result.result.outcome == "aborted"
     assert "arm: positions has 3 values" in result.result.reason
+    assert "(E-SHAPE)" in result.result.reason
+
+
+def test_a_commanded_pose_without_a_rotation_aborts_and_does_not_crash():
+    reactor, _ = started()
+    nowhere = [*START[:3], 0.0, 0.0, 0.0, 0.0]
+    messages = list(reactor.handle([action(0), motor(0), command(0, nowhere)]))
+    (result,) = of(m.EpisodeResult, messages)
+    assert result.result.outcome == "aborted"
+    assert "arm: RobotCommand quaternion is [0.0, 0.0, 0.0, 0.0]" in result.result.reason
+
+
+@pytest.fixture
+def short_legged_spot(monkeypatch) -> RobotSpec:
+    """A Spot one of whose feet stands too far away once the body is raised."""
+    spot = load_robot("spot")
+    first, *others = spot.legs
+    x, y, z = first.foothold
+    far = first.model_copy(update={"foothold": (x + 0.4, y, z)})
+    spec = spot.model_copy(update={"legs": (far, *others)})
+    monkeypatch.setattr("services.sim.reactor.load_robot", lambda _: spec)
+    return spec
+
+
+def test_a_foothold_out_of_reach_aborts_with_its_reason_and_the_cell_goes_on(short_legged_spot):
+    reactor, _ = started(robot="spot")
+    raised = list(short_legged_spot.start_positions)
+    raised[2] = 0.5
+    messages: list[object] = []
+    for step in range(20):
+        raise_body = command(step, raised).model_copy(update={"velocities": [0.0] * 12})
+        due = [action(step)] if step % FRAME_TICKS == 0 else []
+        end = [status(step)] if (step + 1) % FRAME_TICKS == 0 else []
+        messages = list(reactor.handle([*due, *end, raise_body, motor(step)]))
+        if of(m.EpisodeResult, messages):
+            break
+    assert isinstance(messages[0], m.EpisodeEvent)
+    assert messages[0].event == "aborted"
+    (result,) = of(m.EpisodeResult, messages)
+    assert result.result.outcome == "aborted"
+    assert result.result.reason.startswith(f"{CELL}: leg fl cannot reach its foothold at")
+    assert "(E-FOOTHOLD)" in result.result.reason
+    (ready,) = reactor.handle([configure(robot="spot")])
+    assert isinstance(ready, m.EpisodeReady)
+    assert ready.problem is None
+
+
+def test_a_state_that_no_message_may_carry_ends_the_episode_as_diverged(monkeypatch):
+    reactor, _ = started()
+
+    def explode(self, ticks_s):
+        self.data.qvel[:] = 1e5
+
+    monkeypatch.setattr("services.sim.world.World.advance", explode)
+    messages = list(reactor.handle(answers(0, due=True)))
+    (result,) = of(m.EpisodeResult, messages)
+    assert (result.result.outcome, result.result.reason) == ("failure", "the simulation diverged")
 
 
 def test_abort_stops_at_once_and_sends_no_result():
@@ -216,6 +277,11 @@ def test_an_episode_without_motion_fails_at_the_time_limit_and_says_why():
     assert "lid within 12 mm of the pot axis" in result.result.failed_conditions
     assert result.result.ticks == 4000
     assert result.result.hand_error_m.median == 0.001
+    assert result.result.hand_scaling_mean == pytest.approx(0.95)
+    assert result.result.hand_scaling_least == 0.5
+    assert result.result.limited_share == pytest.approx(0.2)
+    assert result.result.solver_failures == 0
+    assert result.result.solve_time_s.p99 == 1e-4
     # Pictures come before the result: with it the cell is free for its next epoch.
     pictures = of(m.EpisodePicture, messages)
     assert [p.moment for p in pictures] == ["start"] * 3 + ["end"] * 3

@@ -293,7 +293,7 @@ def test_database_of_another_version_is_refused_and_kept(url):
     with engine.begin() as connection:
         connection.execute(text('UPDATE "database" SET schema_version = 99'))
         connection.execute(text("DROP TABLE pictures"))
-    with pytest.raises(StoreError, match="schema version 99; expected version 1"):
+    with pytest.raises(StoreError, match="schema version 99; expected version 2"):
         Database(url)
     with engine.begin() as connection:
         tables = connection.execute(text("SELECT name FROM sqlite_master WHERE name = 'pictures'"))

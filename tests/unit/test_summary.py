@@ -5,11 +5,18 @@ from __future__ import annotations
 import pytest
 
 from common.api import EvaluationRequest
-from services.control.summary import TrialFacts, summarise
+from common.messages import Distribution
+from services.control.summary import TrialFacts, measurements_of, summarise
+from tests.control_nodes import make_result
 
 
-def facts(index, status, *, robot="panda", median=None, p95=None, sim=None, wall=None, sha=None):
-    return TrialFacts("lid", robot, "expert", index, status, median, p95, sim, wall, sha)
+def facts(index, status, *, robot="panda", **measured):
+    return TrialFacts("lid", robot, "expert", index, status, **measured)
+
+
+def measured(**changes):
+    spread = Distribution(median=0.01, p95=0.02, p99=0.03, largest=0.04)
+    return measurements_of(make_result().model_copy(update={"solve_time_s": spread, **changes}))
 
 
 @pytest.fixture
@@ -26,19 +33,62 @@ def test_nothing_is_known_before_the_first_trial(request_):
 
 def test_aborted_trials_stay_in_the_count(request_):
     trials = [
-        facts(0, "success", median=0.01, p95=0.02, sim=6.0, wall=1.0, sha="a" * 64),
+        facts(0, "success", **measured(sim_time_s=6.0, wall_time_s=1.0, trace_sha256="a" * 64)),
         facts(2, "aborted"),
-        facts(1, "failure", median=0.03, p95=0.06, sim=4.0, wall=1.5, sha="b" * 64),
+        facts(1, "failure", **measured(sim_time_s=4.0, wall_time_s=1.5, trace_sha256="b" * 64)),
         facts(3, "running"),
     ]
     panda, spot = summarise(request_, trials)
     assert (panda.done, panda.successes, panda.failures, panda.aborted) == (3, 1, 1, 1)
     assert panda.success_rate == pytest.approx(1 / 3)
-    assert panda.median_hand_error_m == pytest.approx(0.02)
-    assert panda.p95_hand_error_m == pytest.approx(0.04)
     assert panda.real_time_factor == pytest.approx(4.0)
     assert panda.trace_sha256 == ["a" * 64, "b" * 64, None, None]
     assert spot.done == 0
+
+
+def test_each_measurement_is_summarised_in_its_own_way(request_):
+    def spread(median, p95, p99):
+        return Distribution(median=median, p95=p95, p99=p99, largest=1.0)
+
+    trials = [
+        facts(
+            0,
+            "success",
+            **measured(
+                hand_error_m=spread(0.01, 0.02, 0.9),
+                hand_scaling_mean=1.0,
+                hand_scaling_least=0.8,
+                limited_share=0.2,
+                solver_failures=2,
+                solve_time_s=spread(1e-4, 0.9, 3e-4),
+            ),
+        ),
+        facts(
+            1,
+            "failure",
+            **measured(
+                hand_error_m=spread(0.03, 0.06, 0.9),
+                hand_scaling_mean=0.9,
+                hand_scaling_least=0.0,
+                limited_share=0.5,
+                solver_failures=3,
+                solve_time_s=spread(2e-4, 0.9, 5e-4),
+            ),
+        ),
+        facts(2, "aborted"),
+    ]
+    panda, spot = summarise(request_, trials)
+    assert panda.median_hand_error_m == pytest.approx(0.02)
+    assert panda.p95_hand_error_m == pytest.approx(0.04)
+    assert panda.mean_hand_scaling == pytest.approx(0.95)
+    assert panda.least_hand_scaling == 0.0
+    assert panda.limited_share == pytest.approx(0.35)
+    assert panda.solver_failures == 5
+    assert panda.median_solve_time_s == pytest.approx(1.5e-4)
+    assert panda.p99_solve_time_s == pytest.approx(4e-4)
+    nothing = (spot.mean_hand_scaling, spot.least_hand_scaling, spot.limited_share)
+    assert (*nothing, spot.median_solve_time_s, spot.p99_solve_time_s) == (None,) * 5
+    assert spot.solver_failures == 0
 
 
 def test_cancelled_trials_are_not_done(request_):
