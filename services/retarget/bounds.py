@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from common.errors import InvalidValue
 from common.se3 import Array
 from services.retarget.braking import braking_distance, stopping_speed
 from services.retarget.level import Mask
@@ -87,9 +88,14 @@ class JointBounds:
     Args:
         limits: One per joint.
         dt_s: Length of a tick.
+
+    Raises:
+        InvalidValue: dt_s is not positive.
     """
 
     def __init__(self, limits: Sequence[JointLimits], *, dt_s: float) -> None:
+        if not dt_s > 0.0:
+            raise InvalidValue("dt_s", dt_s, "a time longer than zero")
         self._dt_s = dt_s
         self._limits = tuple(limits)
         self._n = len(self._limits)

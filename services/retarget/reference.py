@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.clock import FRAME_TICKS, TICK_S
+from common.errors import InvalidValue
 from common.messages import ActionStep
 from common.se3 import Array, apply_differential, distance, exp3, log3
 
@@ -113,7 +114,13 @@ class WaypointInterpolator:
         return self._ticks >= FRAME_TICKS
 
     def aim(self, T_world_waypoint: Array) -> None:
-        """Start from wherever the reference is now towards a waypoint (4, 4)."""
+        """Start from wherever the reference is now towards a waypoint (4, 4).
+
+        Raises:
+            InvalidValue: The waypoint is not finite.
+        """
+        if not np.isfinite(T_world_waypoint).all():
+            raise InvalidValue("waypoint", T_world_waypoint.tolist(), "finite numbers")
         self._T_from, self._T_to = self._T_now, T_world_waypoint.copy()
         self._w = log3(self._T_to[:3, :3] @ self._T_from[:3, :3].T)
         self._d = self._T_to[:3, 3] - self._T_from[:3, 3]

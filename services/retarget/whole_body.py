@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from common.clock import TICK_S
+from common.errors import InvalidValue, WrongShape
 from common.se3 import Array
 from common.tasks import Obstacle
 from services.retarget.approach import ApproachLimit
@@ -69,8 +70,17 @@ class WholeBodyRetargeter:
         return self._model.compute_tool_pose(np.array(positions))
 
     def start(self, positions: Sequence[float]) -> None:
-        """Begin at the measured positions, at rest, with nothing remembered."""
+        """Begin at the measured positions, at rest, with nothing remembered.
+
+        Raises:
+            WrongShape: Not one position per joint.
+            InvalidValue: A position is not finite.
+        """
         spec = self._model.spec
+        if len(positions) != spec.nq:
+            raise WrongShape("start positions", spec.nq, len(positions))
+        if not np.isfinite(positions).all():
+            raise InvalidValue("start positions", list(positions), "finite numbers")
         self._q = np.array(positions, dtype=float)
         self._a = np.zeros(len(self._names))
         self._sent = deque([self._q], maxlen=self._latency_ticks + 1)

@@ -10,20 +10,23 @@ from pathlib import Path
 from typing import Any
 
 import msgpack
+import numpy as np
 import pytest
 
 from common import messages as m
 from common.bus import Bus, BusSettings, Inbox, decode, open_session
 from common.bus.codec import encode, encoding_of
-from common.errors import BadRobotFile, MalformedMessage
+from common.errors import BadRobotFile, InvalidValue, MalformedMessage, WrongShape
 from common.messages.base import has_unit_quaternion
 from common.robots import load_robot
 from common.robots.compile import compile_robot
 from common.robots.loader import ROBOTS_FOLDER
 from common.service import Host
 from common.topics import key_of, topic_of
+from services.retarget.bounds import JointBounds, JointLimits
 from services.retarget.reactor import RetargetReactor
-from tests.retarget_runs import CELL, NODE, action, configure, header, state, step
+from services.retarget.reference import WaypointInterpolator
+from tests.retarget_runs import CELL, NODE, action, configure, header, make_panda, rest, state, step
 
 NAN, HUGE = math.nan, 1e300
 
@@ -277,3 +280,28 @@ def test_a_robot_that_contradicts_its_model_is_a_problem_of_the_episode(
     assert f"{element}: " in ready.problem.happened
     assert problem in ready.problem.happened
     assert reactor.handle([state(0)]) == []
+
+
+@pytest.mark.parametrize("dt_s", [0.0, -0.01, NAN])
+def test_a_tick_takes_time(dt_s: float):
+    with pytest.raises(InvalidValue, match="dt_s"):
+        JointBounds([JointLimits(-1.0, 1.0, 1.0, 1.0)], dt_s=dt_s)
+
+
+def test_a_start_has_one_finite_position_per_joint():
+    panda = make_panda()
+    with pytest.raises(WrongShape, match="start positions has 6 values"):
+        panda.start([0.0] * 6)
+    with pytest.raises(InvalidValue, match="start positions"):
+        panda.start([0.0] * 6 + [NAN])
+    # It goes on from where it was.
+    assert max(map(abs, panda.follow(rest(panda.T_world_hand)).velocities)) < 1e-3
+
+
+def test_a_waypoint_is_finite():
+    interpolator = WaypointInterpolator(np.eye(4))
+    bad = np.eye(4)
+    bad[0, 3] = NAN
+    with pytest.raises(InvalidValue, match="waypoint"):
+        interpolator.aim(bad)
+    assert np.array_equal(interpolator.advance().T_world_end, np.eye(4))

@@ -1,14 +1,15 @@
 """Servos of a simulated robot: what a command's latency does, and what holding means."""
 
+import mujoco
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from common.clock import TICK_S
 from common.errors import InvalidValue
-from common.robots import RobotSpec, load_robot
+from common.robots import RobotSpec, list_robots, load_robot
 from common.tasks import load_task
-from services.sim.world import World
+from services.sim.world import PHYSICS_DT_S, World
 
 PANDA = load_robot("panda")
 START = np.array(PANDA.start_positions)
@@ -99,3 +100,16 @@ def test_a_command_that_is_not_finite_is_refused():
     world = make_world()
     with pytest.raises(InvalidValue, match="finite numbers"):
         world.servos.command([float("nan")] * len(START), [0.0] * len(START))
+
+
+@pytest.mark.parametrize("name", [n for n in list_robots() if load_robot(n).kind == "joints"])
+def test_a_clipped_servo_does_not_chatter(name):
+    """Without implicit damping a step multiplies a velocity by 1 - kd dt / M: beyond -1 it grows."""
+    spec = load_robot(name)
+    world = World(task=load_task("lid"), robot=spec, seed=0)
+    n = world.model.nv
+    inverse_inertia = np.zeros((n, n))
+    mujoco.mj_solveM(world.model, world.data, inverse_inertia, np.eye(n))
+    for joint in spec.joints:
+        dof = int(world.model.joint(f"robot_{joint.name}").dofadr[0])
+        assert joint.kd * PHYSICS_DT_S * inverse_inertia[dof, dof] < 2.0, joint.name
