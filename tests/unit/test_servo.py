@@ -104,7 +104,7 @@ def test_a_command_that_is_not_finite_is_refused():
 
 @pytest.mark.parametrize("name", [n for n in list_robots() if load_robot(n).kind == "joints"])
 def test_a_clipped_servo_does_not_chatter(name):
-    """Without implicit damping a step multiplies a velocity by 1 - kd dt / M: beyond -1 it grows."""
+    """Without implicit damping a step multiplies a velocity by 1 - kd dt / M, not beyond -1."""
     spec = load_robot(name)
     world = World(task=load_task("lid"), robot=spec, seed=0)
     n = world.model.nv
