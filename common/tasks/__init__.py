@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from common.errors import UnknownName
+from common.tasks.cup import CupTask
+from common.tasks.ladle import LadleTask
 from common.tasks.lid import LidTask
 from common.tasks.task import Obstacle, Task
 
-TASKS: dict[str, Task] = {task.name: task for task in (LidTask(),)}
+TASKS: dict[str, Task] = {task.name: task for task in (CupTask(), LadleTask(), LidTask())}
 
 
 def list_tasks() -> list[str]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from common.calibration.four_bar import driver_rad, pad_centre_x_m
 from common.se3 import Array, exp3, invert, make_pose
+from common.tasks.stove import STOVE_TOP_M, build_pot, build_stove
 from common.tasks.task import (
     DemonstratorView,
     Judgement,
@@ -25,7 +26,6 @@ from common.tasks.task import (
 )
 
 TABLE_TOP_M = 0.70
-STOVE_TOP_M = 0.02
 SEATED_HEIGHT_M = 0.090
 """Lid origin above pot origin when the lid is seated; on the rim it is 0.100."""
 BAR_HEIGHT_M = 0.070
@@ -36,19 +36,6 @@ _TABLE_HALF_SIZE_M = (0.5, 1.0, 0.025)
 _TABLE_CENTRE_M = (1.0, 0.0, TABLE_TOP_M - 0.025)
 _TABLE_SIZE = " ".join(f"{value:g}" for value in _TABLE_HALF_SIZE_M)
 _TABLE_CENTRE = " ".join(f"{value:.9g}" for value in _TABLE_CENTRE_M)
-
-
-def _pot_walls() -> str:
-    """Eight boxes around the pot's axis: inner apothem 90 mm, rim at 100 mm."""
-    walls: list[str] = []
-    for i in range(8):
-        angle = i * math.pi / 4
-        x, y = 0.095 * math.cos(angle), 0.095 * math.sin(angle)
-        walls.append(
-            f'<geom name="pot_wall_{i}" class="pot" type="box" size="0.005 0.0414 0.045" '
-            f'pos="{x:.9f} {y:.9f} 0.055" euler="0 0 {angle:.9f}" mass="0.03"/>'
-        )
-    return "\n        ".join(walls)
 
 
 _SCENE = f"""
@@ -68,25 +55,8 @@ _SCENE = f"""
           rgba="0.45 0.38 0.30 1" contype="0" conaffinity="0" group="2"/>
     <geom name="leg_1" type="box" size="0.03 0.03 0.325" pos="0.56 0.94 0.325"
           rgba="0.45 0.38 0.30 1" contype="0" conaffinity="0" group="2"/>
-    <body name="stove">
-      <freejoint/>
-      <geom name="stove_plate" class="dark" type="box" size="0.15 0.12 0.01" pos="-0.03 0 0.01"
-            mass="1.40"/>
-      <geom name="stove_knob" class="dark" type="sphere" size="0.02" pos="-0.14 0.08 0.0275"
-            mass="0.04"/>
-      <geom name="stove_disc" type="cylinder" size="0.1 0.0004" pos="0 0 0.0201"
-            rgba="0.75 0.16 0.10 1" contype="0" conaffinity="0" group="2" mass="0"/>
-    </body>
-    <body name="pot">
-      <freejoint/>
-      <geom name="pot_floor" class="pot" type="cylinder" size="0.093 0.005" pos="0 0 0.005"
-            mass="0.08"/>
-      {_pot_walls()}
-      <geom name="pot_handle_0" class="dark" type="box" size="0.043 0.033 0.013"
-            pos="0 0.14 0.08" mass="0.0375"/>
-      <geom name="pot_handle_1" class="dark" type="box" size="0.043 0.033 0.013"
-            pos="0 -0.14 0.08" mass="0.0375"/>
-    </body>
+    {build_stove()}
+    {build_pot()}
     <body name="lid">
       <freejoint/>
       <geom name="lid_plug" class="lid" type="cylinder" size="0.08 0.005" pos="0 0 0.005"

@@ -35,12 +35,15 @@ class TaskState:
         initial: Their states when the episode started.
         grasp: The grasp command in force (True = close).
         touching_robot: Objects in contact with a gripper or robot geom.
+        T_world_pads: (4, 4) poses of the finger pads' centres, axes as the tool's, +x along the
+            fingers; none where there is no hand.
     """
 
     objects: Mapping[str, ObjectState]
     initial: Mapping[str, ObjectState]
     grasp: bool
     touching_robot: frozenset[str]
+    T_world_pads: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -169,22 +169,22 @@ _CUP = (
 )
 
 _LADLE = (
-    # The object is the pot that the ladle leans on, turned with the ladle, whose shaft heads 41 deg
-    # to the left and rises 42 deg: fingers pitched 48 deg stand across it.
+    # The object is the pot that the ladle leans on, turned with the ladle. The shaft rises 51 deg
+    # away from the robot; the handle is held 34 mm nearer to the finger tips than the pads' middle.
     Region(
         task="ladle",
         name="grasp",
         x_m=(0.60, 0.60),
         y_m=(0.18, 0.42),
         z_m=0.645,
-        yaw_rad=_deg(-15.0, 15.0),
-        point_m=(-0.145, -0.112, 0.042),
-        heading_rad=math.radians(41.0),
-        turn_rad=_deg(-20.0, 20.0),
-        pitch_rad=_deg(30.0, 60.0),
+        yaw_rad=_deg(7.0, 37.0),
+        point_m=(-0.160, 0.0, 0.058),
+        before_m=0.031,
+        turn_rad=_deg(-10.0, 10.0),
+        pitch_rad=_deg(20.0, 40.0),
         width_m=0.040,
     ),
-    # The case, its long side along y. The handle comes to its near end, 2 cm above where it lies.
+    # The case, its long side away from the robot. The handle comes to its near end.
     Region(
         task="ladle",
         name="place",
@@ -192,10 +192,11 @@ _LADLE = (
         y_m=(-0.42, -0.38),
         z_m=0.635,
         yaw_rad=_deg(67.5, 112.5),
-        point_m=(0.0, 0.07, 0.07),
+        point_m=(0.0, 0.06, 0.088),
+        before_m=0.014,
         heading_rad=-0.5 * math.pi,
-        turn_rad=_deg(-15.0, 15.0),
-        pitch_rad=_deg(40.0, 80.0),
+        turn_rad=_deg(-5.0, 5.0),
+        pitch_rad=_deg(60.0, 72.0),
         width_m=0.040,
     ),
 )

@@ -25,6 +25,8 @@ SLEEP_TOLERANCE = 1e-3
 """Objects slower than this (MuJoCo's scaled velocity, m/s) may fall asleep."""
 TOOL_SITE = "gripper_tool"
 """The tool frame in the compiled world, whatever robot carries it."""
+PADS = ("gripper_left_pad", "gripper_right_pad")
+"""The geoms that hold objects."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ class World:
         self.model = _build_spec(task, robot).compile()
         self.data = mujoco.MjData(self.model)
         self._tool = self.model.site(TOOL_SITE).id
+        self._pads = [self.model.geom(name).id for name in PADS]
         self._objects = tuple(_find_body(self.model, name) for name in task.objects)
         self._object_of_geom, self._is_robot_geom = self._classify_geoms()
         self.servos: Servos = (
@@ -107,6 +110,7 @@ class World:
             initial=self.initial,
             grasp=grasp,
             touching_robot=self._touching_robot(),
+            T_world_pads=self._place_pads(),
         )
 
     def is_bounded(self) -> bool:
@@ -118,6 +122,11 @@ class World:
 
     def _pose(self, body: _Body) -> Array:
         return make_pose(self.data.xmat[body.body_id].reshape(3, 3), self.data.xpos[body.body_id])
+
+    def _place_pads(self) -> tuple[Array, ...]:
+        # Fingers do not turn against the tool.
+        R_world_tool = self.data.site_xmat[self._tool].reshape(3, 3)
+        return tuple(make_pose(R_world_tool, self.data.geom_xpos[pad]) for pad in self._pads)
 
     def _touching_robot(self) -> frozenset[str]:
         if self.data.ncon == 0:
