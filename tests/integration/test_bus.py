@@ -221,7 +221,8 @@ with open_session(BusSettings("client", "{settings.endpoint}", "stall")) as sess
     inbox = Inbox()
     bus.subscribe(topic_of(StereoFrame), inbox)
     bus.declare_alive("sim", "slow")
-    print("ready", flush=True)
+    # Zenoh's own thread sends the token: stopped at once, it would never go out.
+    time.sleep(0.5)
     import os, signal
     os.kill(os.getpid(), signal.SIGSTOP)
 """
