@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import functools
-import io
-import threading
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from client.offline import run_in_process
-from client.progress import LineProgress
-from common.api import EvaluationRequest
+from common.api import Evaluation, EvaluationRequest
 from common.robots import list_robots
 from tests.deployments import running, wait_until_done
 
@@ -33,11 +31,27 @@ def request(**changes: object) -> EvaluationRequest:
     return EvaluationRequest.model_validate(fields | changes)
 
 
+_RUN = """
+import io, sys, threading
+from client.offline import run_in_process
+from client.progress import LineProgress
+from common.api import EvaluationRequest
+request = EvaluationRequest.model_validate_json(sys.argv[1])
+record = run_in_process(request, progress=LineProgress(io.StringIO()), stop=threading.Event())
+print(record.evaluation.model_dump_json())
+"""
+
+
 def traces_in_process(**changes: object) -> dict[str, list[str | None]]:
-    record = run_in_process(
-        request(**changes), progress=LineProgress(io.StringIO()), stop=threading.Event()
+    """Everything in one process: a new one, as `legato eval --in-process` starts it."""
+    done = subprocess.run(
+        [sys.executable, "-c", _RUN, request(**changes).model_dump_json()],
+        capture_output=True,
+        text=True,
+        check=True,
     )
-    return {cell.robot: cell.trace_sha256 for cell in record.evaluation.cells}
+    evaluation = Evaluation.model_validate_json(done.stdout)
+    return {cell.robot: cell.trace_sha256 for cell in evaluation.cells}
 
 
 @functools.cache
