@@ -21,7 +21,7 @@ run: $(STAMP)   ## set up, evaluate the lid task on two robots, write a report
 test: $(STAMP)  ## all tests
 	$(BIN)/python -m pytest
 
-test-long: $(STAMP) ## the fuzzing that takes minutes
+test-long: $(STAMP) ## fuzzing and holding still, which take minutes
 	$(BIN)/python -m pytest -m long
 
 check: $(STAMP) ## format, lint, types, import contract

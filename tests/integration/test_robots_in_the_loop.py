@@ -30,6 +30,7 @@ def test_every_robot_closes_the_lid_and_follows_the_gripper(robot: str):
     assert 0.5 < result.hand_scaling_mean <= 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robot", list_robots())
 def test_every_robot_holds_still_for_a_minute(robot: str):
     legs = load_robot(robot).legs

@@ -132,6 +132,7 @@ def _distances(model, obstacles):
     return measure
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", BODIES)
 def test_links_keep_off_each_other_and_off_the_table(name):
     model = robot_model(name)
