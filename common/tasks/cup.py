@@ -63,7 +63,7 @@ class CupTask:
     moved_object: str = "cup"
     objects: tuple[str, ...] = ("cabinet", "cup")
     scene_camera: SceneCamera = _VIEWPOINT
-    obstacles: tuple[Obstacle, ...] = (TABLE,)
+    obstacles: tuple[Obstacle, ...] = (TABLE.obstacle,)
     layout: Layout = "reachable"
 
     def scene_xml(self) -> str:

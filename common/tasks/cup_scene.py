@@ -11,8 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from common.se3 import exp3, make_pose
-from common.tasks.task import Obstacle
+from common.tasks.table import Table, numbers
 
 TABLE_TOP_M = 0.625
 CABINET_FLOOR_M = -0.18
@@ -35,10 +34,8 @@ HANDLE_GRIP_M = HANDLE_RING_M + 0.5 * (HANDLE_INNER_M + HANDLE_OUTER_M)
 """Middle of the handle's outer part from the cup's axis: where it is taken."""
 
 _SEGMENTS = 8
-_TABLE_HALF_SIZE_M = (0.375, 1.0, 0.025)
-_TABLE_CENTRE_M = (0.75, 0.0, TABLE_TOP_M - 0.025)
 
-TABLE = Obstacle("table", make_pose(exp3([0.0, 0.0, 0.0]), _TABLE_CENTRE_M), _TABLE_HALF_SIZE_M)
+TABLE = Table(top_m=TABLE_TOP_M, centre_x_m=0.75, half_depth_m=0.375)
 
 
 def build_cup_scene() -> str:
@@ -56,9 +53,7 @@ def build_cup_scene() -> str:
   </default>
   <worldbody>
     <geom name="floor" type="plane" size="4 4 0.1" rgba="0.55 0.56 0.58 1"/>
-    <geom name="table" type="box" size="{_numbers(*_TABLE_HALF_SIZE_M)}"
-          pos="{_numbers(*_TABLE_CENTRE_M)}" rgba="0.80 0.68 0.52 1"/>
-    {_legs()}
+    {TABLE.build()}
     <body name="cabinet">
       <freejoint/>
       {_cabinet()}
@@ -73,15 +68,6 @@ def build_cup_scene() -> str:
   </worldbody>
 </mujoco>
 """
-
-
-def _legs() -> str:
-    half = 0.5 * (TABLE_TOP_M - 0.05)
-    return _lines(
-        f'<geom name="leg_{i}" type="box" size="0.03 0.03 {half:g}" pos="0.435 {y:g} {half:g}" '
-        'rgba="0.45 0.38 0.30 1" contype="0" conaffinity="0" group="2"/>'
-        for i, y in enumerate((-0.94, 0.94))
-    )
 
 
 def _cabinet() -> str:
@@ -105,19 +91,19 @@ def _door(name: str, *, side: float) -> str:
 
     The hinge is at 0 when closed and grows as the door opens, whichever side it is on.
     """
-    return f"""<body name="door_{name}" pos="{_numbers(0.25 * side, OPENING_Y_M, 0)}"
+    return f"""<body name="door_{name}" pos="{numbers(0.25 * side, OPENING_Y_M, 0)}"
             euler="0 0 {-side * DOOR_OPEN_RAD:.9g}">
         <joint name="door_{name}" type="hinge" axis="0 0 {-side:g}" range="0 {math.pi:.9g}"
                ref="{DOOR_OPEN_RAD:.9g}" springref="{DOOR_OPEN_RAD:.9g}" stiffness="1"
                damping="0.05" frictionloss="0.3"/>
         <geom name="door_{name}" class="door" size="0.125 0.01 0.2"
-              pos="{_numbers(-0.125 * side, 0.01, 0)}" mass="0.15"/>
+              pos="{numbers(-0.125 * side, 0.01, 0)}" mass="0.15"/>
         <geom name="door_{name}_post_0" class="knob" size="0.005 0.014 0.005"
-              pos="{_numbers(-0.22 * side, 0.033, 0.035)}" mass="0.001"/>
+              pos="{numbers(-0.22 * side, 0.033, 0.035)}" mass="0.001"/>
         <geom name="door_{name}_post_1" class="knob" size="0.005 0.014 0.005"
-              pos="{_numbers(-0.22 * side, 0.033, -0.035)}" mass="0.001"/>
+              pos="{numbers(-0.22 * side, 0.033, -0.035)}" mass="0.001"/>
         <geom name="door_{name}_bar" class="knob" size="0.013 0.013 0.04"
-              pos="{_numbers(-0.22 * side, 0.06, 0)}" mass="0.01"/>
+              pos="{numbers(-0.22 * side, 0.06, 0)}" mass="0.01"/>
       </body>"""
 
 
@@ -145,8 +131,8 @@ def _cup_handle() -> str:
     half = 0.5 * (HANDLE_OUTER_M - HANDLE_INNER_M)
     length = HANDLE_OUTER_M * math.tan(0.5 * math.pi / _SEGMENTS)
     parts = [
-        f'<geom name="cup_stub_{i}" class="handle" size="{_numbers(0.005, 0.011, half)}" '
-        f'pos="{_numbers(0, 0.089, z)}" mass="0.001"/>'
+        f'<geom name="cup_stub_{i}" class="handle" size="{numbers(0.005, 0.011, half)}" '
+        f'pos="{numbers(0, 0.089, z)}" mass="0.001"/>'
         for i, z in enumerate((radius, -radius))
     ]
     for i in range(_SEGMENTS):
@@ -154,14 +140,10 @@ def _cup_handle() -> str:
         y, z = HANDLE_RING_M + radius * math.cos(angle), radius * math.sin(angle)
         parts.append(
             f'<geom name="cup_handle_{i}" class="handle" '
-            f'size="{_numbers(0.5 * HANDLE_WIDTH_M, half, length)}" '
+            f'size="{numbers(0.5 * HANDLE_WIDTH_M, half, length)}" '
             f'pos="0 {y:.9f} {z:.9f}" euler="{angle:.9f} 0 0" mass="0.0015"/>'
         )
     return _lines(parts)
-
-
-def _numbers(*values: float) -> str:
-    return " ".join(f"{value:.9g}" for value in values)
 
 
 def _lines(elements: Iterable[str]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from common.tasks.cup_scene import (
     HANDLE_WIDTH_M,
 )
 from common.tasks.poses import norm, shifted, tilt_of, yaw_of
+from common.tasks.staged_script import StagedScript
 from common.tasks.task import DemonstratorView, Waypoint
 
 STANDING_Z_M = CABINET_FLOOR_M + CUP_HALF_HEIGHT_M
@@ -27,7 +27,7 @@ _MOST_GRASPS = 3
 _KNOCKED_OVER_RAD = math.radians(20.0)
 
 
-class CupScript:
+class CupScript(StagedScript):
     """Grasp the handle, lift, draw back, go round the door, insert, lower, release, retreat.
 
     The hand looks at the cup's middle: fingers on both sides of the handle, tips before the wall.
@@ -35,6 +35,7 @@ class CupScript:
     """
 
     def __init__(self, random: np.random.Generator) -> None:
+        super().__init__()
         self._pitch_rad = math.radians(random.uniform(16.0, 28.0))
         self._turn_rad = math.radians(random.uniform(-6.0, 6.0))
         self._depth_m = random.uniform(-0.002, 0.008)
@@ -44,18 +45,6 @@ class CupScript:
         self._place_turn_rad = math.radians(random.uniform(0.0, 15.0))
         self._pause_s = random.uniform(0.0, 0.3)
         self._grasps = 0
-        self._plan: Iterator[Waypoint] = iter(())
-        self._stage = self._approach
-        self._done = False
-
-    def next_waypoint(self, view: DemonstratorView) -> Waypoint | None:
-        """Next piece of the current stage; a finished stage plans the next from what is seen."""
-        while not self._done:
-            waypoint = next(self._plan, None)
-            if waypoint is not None:
-                return waypoint
-            self._plan = iter(self._stage(view))
-        return None
 
     def _approach(self, view: DemonstratorView) -> list[Waypoint]:
         self._grasps += 1

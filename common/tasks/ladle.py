@@ -50,7 +50,7 @@ class LadleTask:
     moved_object: str = "ladle"
     objects: tuple[str, ...] = ("stove", "pot", "ladle", "case")
     scene_camera: SceneCamera = _VIEWPOINT
-    obstacles: tuple[Obstacle, ...] = (TABLE,)
+    obstacles: tuple[Obstacle, ...] = (TABLE.obstacle,)
 
     def scene_xml(self) -> str:
         """Floor, table, stove, pot, ladle and utensil case."""

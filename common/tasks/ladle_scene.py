@@ -18,7 +18,7 @@ import numpy as np
 
 from common.se3 import Array, exp3, make_pose
 from common.tasks.stove import POT_APOTHEM_M, POT_RIM_M, build_pot, build_stove
-from common.tasks.task import Obstacle
+from common.tasks.table import Table, numbers
 
 TABLE_TOP_M = 0.625
 CASE_BASE_M = -0.010
@@ -42,10 +42,8 @@ _FOOT_M = 0.170
 """Where the handle stands on the stove, from the pot's axis."""
 _RISE_RAD = math.radians(51.0)
 """How much the leaning shaft rises, roughly."""
-_TABLE_HALF_SIZE_M = (0.375, 1.0, 0.025)
-_TABLE_CENTRE_M = (0.75, 0.0, TABLE_TOP_M - 0.025)
 
-TABLE = Obstacle("table", make_pose(np.eye(3), _TABLE_CENTRE_M), _TABLE_HALF_SIZE_M)
+TABLE = Table(top_m=TABLE_TOP_M, centre_x_m=0.75, half_depth_m=0.375)
 
 
 def build_ladle_scene() -> str:
@@ -61,12 +59,7 @@ def build_ladle_scene() -> str:
   </default>
   <worldbody>
     <geom name="floor" type="plane" size="4 4 0.1" rgba="0.55 0.56 0.58 1"/>
-    <geom name="table" type="box" size="{_numbers(*_TABLE_HALF_SIZE_M)}"
-          pos="{_numbers(*_TABLE_CENTRE_M)}" rgba="0.80 0.68 0.52 1"/>
-    <geom name="leg_0" type="box" size="0.03 0.03 0.2875" pos="0.435 -0.94 0.2875"
-          rgba="0.45 0.38 0.30 1" contype="0" conaffinity="0" group="2"/>
-    <geom name="leg_1" type="box" size="0.03 0.03 0.2875" pos="0.435 0.94 0.2875"
-          rgba="0.45 0.38 0.30 1" contype="0" conaffinity="0" group="2"/>
+    {TABLE.build()}
     {build_stove()}
     {build_pot()}
     <body name="ladle">
@@ -76,7 +69,7 @@ def build_ladle_scene() -> str:
       <geom name="ladle_stick" type="capsule" size="0.01 0.06" pos="0 0 0.09" mass="0.035"
             rgba="0.90 0.90 0.88 1"/>
       <geom name="ladle_scoop" type="box" size="0.03 0.03 0.015"
-            pos="{_numbers(*SCOOP_CENTRE_M)}" mass="0.079" rgba="0.34 0.36 0.42 1"/>
+            pos="{numbers(*SCOOP_CENTRE_M)}" mass="0.079" rgba="0.34 0.36 0.42 1"/>
     </body>
     <body name="case">
       <freejoint/>
@@ -138,7 +131,3 @@ def centres_outside_m(T_case_ladle: Array) -> dict[str, float]:
 def is_put_away(T_case_ladle: Array) -> bool:
     """Whether handle and scoop are both in the case."""
     return max(centres_outside_m(T_case_ladle).values()) == 0.0
-
-
-def _numbers(*values: float) -> str:
-    return " ".join(f"{value:.9g}" for value in values)

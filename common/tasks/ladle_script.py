@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -16,7 +15,8 @@ from common.tasks.ladle_scene import (
     LYING_RAD,
     is_put_away,
 )
-from common.tasks.poses import norm
+from common.tasks.poses import norm, shifted
+from common.tasks.staged_script import StagedScript
 from common.tasks.task import DemonstratorView, Waypoint
 
 _PADS_M = pad_centre_x_m(driver_rad(2.0 * HANDLE_HALF_WIDTH_M))
@@ -28,13 +28,14 @@ _HANDLE_Y_M = 0.060
 _MOST_GRASPS = 3
 
 
-class LadleScript:
+class LadleScript(StagedScript):
     """Grasp the handle, lift the scoop out, carry, measure, correct, lay down, release, retreat.
 
     Everything after the grasp is planned for the ladle as it really lies in the hand.
     """
 
     def __init__(self, random: np.random.Generator) -> None:
+        super().__init__()
         self._across_rad = math.radians(random.uniform(72.0, 80.0))
         self._along_handle_m = random.uniform(-0.008, 0.008)
         self._depth_m = _PADS_M + _TOWARDS_TIPS_M + random.uniform(-0.004, 0.002)
@@ -44,18 +45,6 @@ class LadleScript:
         self._handle_y_m = _HANDLE_Y_M + random.uniform(-0.010, 0.010)
         self._pause_s = random.uniform(0.0, 0.3)
         self._grasps = 0
-        self._plan: Iterator[Waypoint] = iter(())
-        self._stage = self._approach
-        self._done = False
-
-    def next_waypoint(self, view: DemonstratorView) -> Waypoint | None:
-        """Next piece of the current stage; a finished stage plans the next from what is seen."""
-        while not self._done:
-            waypoint = next(self._plan, None)
-            if waypoint is not None:
-                return waypoint
-            self._plan = iter(self._stage(view))
-        return None
 
     def _approach(self, view: DemonstratorView) -> list[Waypoint]:
         self._grasps += 1
@@ -70,7 +59,7 @@ class LadleScript:
     def _lift(self, view: DemonstratorView) -> list[Waypoint]:
         """Straight up: the shaft lies on the rim and the scoop hangs behind it."""
         self._stage = self._carry
-        T_up = _raised(view.T_world_tool, self._lift_m)
+        T_up = shifted(view.T_world_tool, up=self._lift_m)
         return [Waypoint("lift", T_up, grasp=True, speed_m_s=0.2, wait_s=0.3)]
 
     def _carry(self, view: DemonstratorView) -> list[Waypoint]:
@@ -115,7 +104,7 @@ class LadleScript:
         self._stage = self._approach
         return [
             Waypoint("let go", None, grasp=False, wait_s=0.8),
-            Waypoint("back up", _raised(view.T_world_tool, 0.08), grasp=False),
+            Waypoint("back up", shifted(view.T_world_tool, up=0.08), grasp=False),
         ]
 
     def _grasp_pose(self, T_world_ladle: Array) -> Array:
@@ -185,10 +174,3 @@ def _frame(first: Array, second: list[float]) -> Array:
 def _drawn_back(T_world_tool: Array, way_m: float) -> Array:
     """The pose moved back along the fingers."""
     return T_world_tool @ make_pose(np.eye(3), [-way_m, 0.0, 0.0])
-
-
-def _raised(T_world_tool: Array, way_m: float) -> Array:
-    """The pose moved up."""
-    T = T_world_tool.copy()
-    T[2, 3] += way_m
-    return T

@@ -7,14 +7,16 @@ also turned a little, which the paper's simulation never did.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from common.calibration.four_bar import driver_rad, pad_centre_x_m
 from common.se3 import Array, exp3, invert, make_pose
+from common.tasks.poses import norm, shifted, tilt_of, upright, yaw_of
+from common.tasks.staged_script import StagedScript
 from common.tasks.stove import STOVE_TOP_M, build_pot, build_stove
+from common.tasks.table import Table
 from common.tasks.task import (
     DemonstratorView,
     Judgement,
@@ -32,11 +34,7 @@ BAR_HEIGHT_M = 0.070
 BAR_WIDTH_M = 0.026
 
 _SPAWN_GAP_M = 0.0005
-_TABLE_HALF_SIZE_M = (0.5, 1.0, 0.025)
-_TABLE_CENTRE_M = (1.0, 0.0, TABLE_TOP_M - 0.025)
-_TABLE_SIZE = " ".join(f"{value:g}" for value in _TABLE_HALF_SIZE_M)
-_TABLE_CENTRE = " ".join(f"{value:.9g}" for value in _TABLE_CENTRE_M)
-
+_TABLE = Table(top_m=TABLE_TOP_M, centre_x_m=1.0, half_depth_m=0.5)
 
 _SCENE = f"""
 <mujoco model="lid">
@@ -49,12 +47,7 @@ _SCENE = f"""
   </default>
   <worldbody>
     <geom name="floor" type="plane" size="4 4 0.1" rgba="0.55 0.56 0.58 1"/>
-    <geom name="table" type="box" size="{_TABLE_SIZE}" pos="{_TABLE_CENTRE}"
-          rgba="0.80 0.68 0.52 1"/>
-    <geom name="leg_0" type="box" size="0.03 0.03 0.325" pos="0.56 -0.94 0.325"
-          rgba="0.45 0.38 0.30 1" contype="0" conaffinity="0" group="2"/>
-    <geom name="leg_1" type="box" size="0.03 0.03 0.325" pos="0.56 0.94 0.325"
-          rgba="0.45 0.38 0.30 1" contype="0" conaffinity="0" group="2"/>
+    {_TABLE.build()}
     {build_stove()}
     {build_pot()}
     <body name="lid">
@@ -74,8 +67,6 @@ _SCENE = f"""
 </mujoco>
 """
 
-_TABLE = Obstacle("table", make_pose(np.eye(3), _TABLE_CENTRE_M), _TABLE_HALF_SIZE_M)
-
 _VIEWPOINT = SceneCamera(
     position_m=(1.40, -1.30, 1.50), target_m=(0.40, -0.06, 0.88), fovy_deg=42.0
 )
@@ -91,7 +82,7 @@ class LidTask:
     moved_object: str = "lid"
     objects: tuple[str, ...] = ("stove", "pot", "lid")
     scene_camera: SceneCamera = _VIEWPOINT
-    obstacles: tuple[Obstacle, ...] = (_TABLE,)
+    obstacles: tuple[Obstacle, ...] = (_TABLE.obstacle,)
 
     def scene_xml(self) -> str:
         """Floor, table, stove, pot and lid."""
@@ -109,11 +100,11 @@ class LidTask:
         pot_yaw = math.radians(random.uniform(-6.0, 6.0))
         z = TABLE_TOP_M + _SPAWN_GAP_M
         return [
-            SpawnedObject("stove", _upright(stove_x, stove_y, z, 0.0)),
+            SpawnedObject("stove", upright(stove_x, stove_y, z, 0.0)),
             SpawnedObject(
-                "pot", _upright(stove_x, stove_y, z + STOVE_TOP_M + _SPAWN_GAP_M, pot_yaw)
+                "pot", upright(stove_x, stove_y, z + STOVE_TOP_M + _SPAWN_GAP_M, pot_yaw)
             ),
-            SpawnedObject("lid", _upright(stove_x + lid_dx, stove_y + lid_dy, z, lid_yaw)),
+            SpawnedObject("lid", upright(stove_x + lid_dx, stove_y + lid_dy, z, lid_yaw)),
         ]
 
     def judge(self, state: TaskState) -> Judgement:
@@ -131,11 +122,11 @@ class LidTask:
         conditions = {
             "grasp is open": not state.grasp,
             "robot does not touch the lid": "lid" not in state.touching_robot,
-            "lid is at rest": _norm(lid.velocity_m_s) < 0.05 and _norm(lid.velocity_rad_s) < 0.5,
+            "lid is at rest": norm(lid.velocity_m_s) < 0.05 and norm(lid.velocity_rad_s) < 0.5,
             "lid within 12 mm of the pot axis": math.hypot(x, y) <= 0.012,
             "lid 85..95 mm above the pot origin": 0.085 <= z <= 0.095,
-            "lid and pot axes within 2 deg": _axis_angle(T_pot_lid) <= math.radians(2.0),
-            "pot tilted at most 5 deg": _axis_angle(pot.T_world_object) <= math.radians(5.0),
+            "lid and pot axes within 2 deg": tilt_of(T_pot_lid) <= math.radians(2.0),
+            "pot tilted at most 5 deg": tilt_of(pot.T_world_object) <= math.radians(5.0),
             "pot moved at most 50 mm sideways": math.hypot(*pot_shift[:2]) <= 0.050,
             "pot moved at most 10 mm in height": abs(pot_shift[2]) <= 0.010,
         }
@@ -154,7 +145,7 @@ class LidTask:
         return LidScript(random)
 
 
-class LidScript:
+class LidScript(StagedScript):
     """Grasp the bar, escape sideways, lift, carry, measure, correct, lower, release, retreat.
 
     Lifting straight up catches the lid under the pot's handle, so the hand first moves away from
@@ -162,6 +153,7 @@ class LidScript:
     """
 
     def __init__(self, random: np.random.Generator) -> None:
+        super().__init__()
         self._pitch_rad = math.radians(random.uniform(37.0, 43.0))
         self._along_bar_m = random.uniform(-0.008, 0.008)
         self._depth_m = random.uniform(-0.006, 0.002)
@@ -169,24 +161,12 @@ class LidScript:
         self._lift_m = random.uniform(0.14, 0.18)
         self._pause_s = random.uniform(0.0, 0.3)
         self._grasp_attempts = 0
-        self._plan: Iterator[Waypoint] = iter(())
-        self._stage = self._approach
-        self._done = False
-
-    def next_waypoint(self, view: DemonstratorView) -> Waypoint | None:
-        """Next piece of the current stage; a finished stage plans the next from what is seen."""
-        while not self._done:
-            waypoint = next(self._plan, None)
-            if waypoint is not None:
-                return waypoint
-            self._plan = iter(self._stage(view))
-        return None
 
     def _approach(self, view: DemonstratorView) -> list[Waypoint]:
         self._grasp_attempts += 1
         self._stage = self._carry
         T_grasp = self._grasp_pose(view.objects["lid"])
-        T_hover = _shifted(T_grasp, up=self._hover_m, back=0.03)
+        T_hover = shifted(T_grasp, up=self._hover_m, back=0.03)
         return [
             Waypoint("hover", T_hover, grasp=False, wait_s=self._pause_s),
             Waypoint("descend", T_grasp, grasp=False, speed_m_s=0.12, wait_s=0.2),
@@ -231,7 +211,7 @@ class LidScript:
 
     def _retreat(self, view: DemonstratorView) -> list[Waypoint]:
         self._stage = self._inspect
-        T_back = _shifted(view.T_world_tool, up=0.03, back=0.12)
+        T_back = shifted(view.T_world_tool, up=0.03, back=0.12)
         return [Waypoint("retreat", T_back, grasp=False, speed_m_s=0.2, wait_s=0.8)]
 
     def _inspect(self, view: DemonstratorView) -> list[Waypoint]:
@@ -250,16 +230,14 @@ class LidScript:
             self._done = True
             return []
         self._stage = self._approach
-        T_up = view.T_world_tool.copy()
-        T_up[2, 3] += 0.06
         return [
             Waypoint("let go", None, grasp=False, wait_s=0.8),
-            Waypoint("back up", T_up, grasp=False),
+            Waypoint("back up", shifted(view.T_world_tool, up=0.06), grasp=False),
         ]
 
     def _grasp_pose(self, T_world_lid: Array) -> Array:
         """Tool pose with the bar between the pads, pitched down, fingers along the bar."""
-        yaw = math.atan2(T_world_lid[1, 0], T_world_lid[0, 0])
+        yaw = yaw_of(T_world_lid)
         # The bar is the same from both ends: take the end that needs less turning.
         if abs(yaw) > math.pi / 2:
             yaw -= math.copysign(math.pi, yaw)
@@ -276,7 +254,7 @@ class LidScript:
         T_tool_lid = invert(view.T_world_tool) @ T_lid
         pot = view.objects["pot"]
         p_seat = pot[:3, 3] + pot[:3, 2] * (SEATED_HEIGHT_M + above_m)
-        yaw = math.atan2(T_lid[1, 0], T_lid[0, 0])
+        yaw = yaw_of(T_lid)
         return make_pose(exp3([0.0, 0.0, yaw]), p_seat) @ invert(T_tool_lid)
 
     def _holds_lid(self, view: DemonstratorView) -> bool:
@@ -284,27 +262,5 @@ class LidScript:
         T_tool_lid = invert(view.T_world_tool) @ view.objects["lid"]
         p_tool_bar = (T_tool_lid @ [0.0, 0.0, BAR_HEIGHT_M, 1.0])[:3]
         reach = pad_centre_x_m(driver_rad(BAR_WIDTH_M))
-        near = _norm(p_tool_bar - np.array([reach, 0.0, 0.0])) < 0.05
+        near = norm(p_tool_bar - np.array([reach, 0.0, 0.0])) < 0.05
         return near and view.opening_m > 0.5 * BAR_WIDTH_M
-
-
-def _upright(x: float, y: float, z: float, yaw_rad: float) -> Array:
-    return make_pose(exp3([0.0, 0.0, yaw_rad]), [x, y, z])
-
-
-def _shifted(T_world_tool: Array, *, up: float, back: float) -> Array:
-    """The pose moved up, and back along the horizontal part of the finger direction."""
-    heading = T_world_tool[:2, 0]
-    heading = heading / max(1e-9, _norm(heading))
-    T = T_world_tool.copy()
-    T[:3, 3] += (-back * heading[0], -back * heading[1], up)
-    return T
-
-
-def _axis_angle(T: Array) -> float:
-    """Angle between the z axes of the two frames of a pose [rad]."""
-    return math.acos(max(-1.0, min(1.0, float(T[2, 2]))))
-
-
-def _norm(v: Array) -> float:
-    return math.hypot(*v.tolist())
