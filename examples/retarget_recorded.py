@@ -15,9 +15,7 @@ import os
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import sys
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -25,74 +23,21 @@ import numpy as np
 
 from client.failures import exit_code_of, format_error
 from client.tables import format_table
-from common.clock import FRAME_TICKS
 from common.errors import LegatoError, MissingExtra, UnknownName
 from common.robots import RobotSpec, list_robots, load_robot
-from common.se3 import Array, distance
+from common.se3 import Array
 from common.tasks import Obstacle, load_task
 from common.tasks.recording import Recording, load_recording
-from services.retarget.reference import GripperReference
+from services.retarget.recorded_run import Run, follow_recording
 from services.retarget.robot_model import RobotModel
-from services.retarget.whole_body import WholeBodyRetargeter
 
 REST_TICKS = 50
 """After the last set-point."""
 
 
-@dataclass(frozen=True)
-class Run:
-    """One robot along one recording.
-
-    Args:
-        model: The robot.
-        q: (ticks, n) commanded joint positions [rad, m].
-        error_m: (ticks,) distance of the hand from its reference.
-        error_rad: (ticks,) the same of its orientation.
-        scaling: (ticks, levels) share of hand, head where there is one, and posture achieved.
-        held_back: (ticks,) whether a joint stood at a bound, or a wall or a link was in the way.
-        times_s: (ticks,) how long each tick took.
-        failures: Levels without solution.
-    """
-
-    model: RobotModel
-    q: Array
-    error_m: Array
-    error_rad: Array
-    scaling: Array
-    held_back: Array
-    times_s: Array
-    failures: int
-
-
 def follow(model: RobotModel, recording: Recording, obstacles: Sequence[Obstacle]) -> Run:
-    """Give one set-point every ten ticks and note what the robot is told."""
-    gains = model.spec.retarget
-    retargeter = WholeBodyRetargeter(model, obstacles)
-    reference = GripperReference(
-        retargeter.T_world_hand, lead_m=gains.setpoint_lead_m, lead_rad=gains.setpoint_lead_rad
-    )
-    motions, errors, times_s = [], [], []
-    actions = recording.list_actions()
-    for tick in range(len(actions) * FRAME_TICKS + REST_TICKS):
-        frame, since = divmod(tick, FRAME_TICKS)
-        if since == 0 and frame < len(actions):
-            reference.take([actions[frame]], retargeter.T_world_hand)
-        wanted = reference.advance(retargeter.T_world_hand)
-        started = time.perf_counter()
-        motions.append(retargeter.follow(wanted))
-        times_s.append(time.perf_counter() - started)
-        errors.append(distance(wanted.T_world_end, retargeter.T_world_hand))
-    error_m, error_rad = np.array(errors).T
-    return Run(
-        model=model,
-        q=np.array([motion.positions for motion in motions]),
-        error_m=error_m,
-        error_rad=error_rad,
-        scaling=np.array([motion.scaling for motion in motions]),
-        held_back=np.array([bool(motion.active_limits) for motion in motions]),
-        times_s=np.array(times_s),
-        failures=sum(motion.failures for motion in motions),
-    )
+    """A robot along a recording, until it rests."""
+    return follow_recording(model, recording, obstacles, rest_ticks=REST_TICKS)
 
 
 def format_runs(runs: Sequence[Run]) -> str:

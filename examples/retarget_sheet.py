@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,10 +11,8 @@ from matplotlib.ticker import PercentFormatter
 
 from common.clock import TICK_S
 from common.se3 import Array
+from services.retarget.recorded_run import Run
 from services.retarget.robot_model import RobotModel
-
-if TYPE_CHECKING:
-    from examples.retarget_recorded import Run
 
 WIDTH_IN, PANEL_IN, SMALL_PANEL_IN, DPI = 9.0, 1.35, 0.75, 100
 

@@ -91,7 +91,7 @@ def follow_actions(
     retargeter: WholeBodyRetargeter, actions: Sequence[ActionStep], positions: Sequence[float]
 ) -> Iterator[tuple[TickReference, Array]]:
     """Follow actions of 10 Hz; give reference and commanded positions of every tick."""
-    reference = GripperReference(retargeter.compute_tool_pose(positions))
+    reference = GripperReference(retargeter.compute_tool_pose(positions), lead=None)
     retargeter.start(positions)
     for action in actions:
         reference.take([action])

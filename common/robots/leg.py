@@ -67,6 +67,7 @@ class Leg:
             "a body is turned in its parent": (mj.body_quat[bodies] == [1, 0, 0, 0]).all(),
             "the hip is not offset along y alone": lateral[0] == lateral[2] == 0.0,
             "thigh or shank leaves the plane of the leg": thigh[1] == shank[1] == 0.0,
+            "thigh or shank has no length": any(thigh) and any(shank),
         }
         for problem, holds in conditions.items():
             if not holds:

@@ -16,6 +16,10 @@ import numpy as np
 
 from common.calibration.four_bar import driver_rad, pad_centre_x_m
 from common.se3 import Array, exp3, make_pose
+from common.tasks.cup_scene import HANDLE_GRIP_M, HANDLE_WIDTH_M
+from common.tasks.ladle_scene import HANDLE_HALF_WIDTH_M
+from common.tasks.lid import BAR_HEIGHT_M, BAR_WIDTH_M
+from common.tasks.poses import upright, yaw_of
 
 Range: TypeAlias = tuple[float, float]
 """Least and largest value."""
@@ -64,7 +68,7 @@ class Region:
         middle = tuple(0.5 * (least + largest) for least, largest in ranges)
         corners = itertools.product(*(dict.fromkeys(each) for each in ranges))
         return [
-            make_pose(exp3([0.0, 0.0, yaw]), [x, y, self.z_m])
+            upright(x, y, self.z_m, yaw)
             for x, y, yaw in dict.fromkeys((middle, *corners))
         ]
 
@@ -83,8 +87,7 @@ class Region:
         With the heading h in the world: R = Rz(h) Ry(pitch), p = p_point - before (cos h, sin h, 0)
         - R (l, 0, 0), where the pads are l ahead of the tool frame.
         """
-        yaw = math.atan2(T_world_object[1, 0], T_world_object[0, 0])
-        heading = yaw + self.heading_rad + turn.yaw_rad
+        heading = yaw_of(T_world_object) + self.heading_rad + turn.yaw_rad
         R_world_tool = exp3([0.0, 0.0, heading]) @ exp3([0.0, turn.pitch_rad, 0.0])
         p_world_pads = (T_world_object @ [*self.point_m, 1.0])[:3] - self.before_m * np.array(
             [math.cos(heading), math.sin(heading), 0.0]
@@ -102,7 +105,7 @@ def _deg(least: float, largest: float) -> Range:
     return math.radians(least), math.radians(largest)
 
 
-_BAR_M = (0.0, 0.0, 0.066)
+_BAR_M = (0.0, 0.0, BAR_HEIGHT_M - 0.004)
 """Where the lid's bar is taken, in the lid's frame."""
 
 _LID = (
@@ -116,7 +119,7 @@ _LID = (
         point_m=_BAR_M,
         turn_rad=(0.0, 0.0),
         pitch_rad=_deg(25.0, 55.0),
-        width_m=0.026,
+        width_m=BAR_WIDTH_M,
     ),
     # The seated lid. It may be turned as it lay on the table.
     Region(
@@ -129,12 +132,9 @@ _LID = (
         point_m=_BAR_M,
         turn_rad=_deg(-20.0, 20.0),
         pitch_rad=_deg(25.0, 55.0),
-        width_m=0.026,
+        width_m=BAR_WIDTH_M,
     ),
 )
-
-_HANDLE_M = 0.139
-"""Middle of the outer part of the cup's handle, from the cup's axis."""
 
 _CUP = (
     # The handle is on the cup's +y; the fingers point at the cup, one pad on each face of the ring.
@@ -145,11 +145,11 @@ _CUP = (
         y_m=(0.08, 0.12),
         z_m=0.705,
         yaw_rad=_deg(117.0, 153.0),
-        point_m=(0.0, _HANDLE_M, 0.0),
+        point_m=(0.0, HANDLE_GRIP_M, 0.0),
         heading_rad=-0.5 * math.pi,
         turn_rad=_deg(-10.0, 10.0),
         pitch_rad=_deg(0.0, 40.0),
-        width_m=0.010,
+        width_m=HANDLE_WIDTH_M,
     ),
     # The cabinet opens at its +y. The cup stands 5 cm before its middle, its handle to the hand.
     Region(
@@ -160,11 +160,11 @@ _CUP = (
         z_m=0.875,
         yaw_rad=_deg(54.0, 72.0),
         point_m=(0.0, 0.05, -0.10),
-        before_m=_HANDLE_M,
+        before_m=HANDLE_GRIP_M,
         heading_rad=-0.5 * math.pi,
         turn_rad=_deg(-45.0, 45.0),
         pitch_rad=_deg(0.0, 40.0),
-        width_m=0.010,
+        width_m=HANDLE_WIDTH_M,
     ),
 )
 
@@ -182,7 +182,7 @@ _LADLE = (
         before_m=0.031,
         turn_rad=_deg(-10.0, 10.0),
         pitch_rad=_deg(20.0, 40.0),
-        width_m=0.040,
+        width_m=2.0 * HANDLE_HALF_WIDTH_M,
     ),
     # The case, its long side away from the robot. The handle comes to its near end.
     Region(
@@ -197,7 +197,7 @@ _LADLE = (
         heading_rad=-0.5 * math.pi,
         turn_rad=_deg(-5.0, 5.0),
         pitch_rad=_deg(60.0, 72.0),
-        width_m=0.040,
+        width_m=2.0 * HANDLE_HALF_WIDTH_M,
     ),
 )
 

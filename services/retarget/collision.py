@@ -55,7 +55,7 @@ class Collisions:
         for request in self._data.distanceRequests:
             request.gjk_tolerance = _WITNESS_TOLERANCE
         self._pairs = [self._describe(pair) for pair in self._geometry.collisionPairs]
-        self._change_m_s = [self._bound_change(one, other) for _, one, other in self._pairs]
+        self._change_m_s = [self._bound_change(pair) for pair in self._geometry.collisionPairs]
         self._distances_m: list[float] = []
 
     def __bool__(self) -> bool:
@@ -101,22 +101,34 @@ class Collisions:
         other = self._geometry.geometryObjects[pair.second]
         return f"{one.name}-{other.name}", int(one.parentJoint), int(other.parentJoint)
 
-    def _bound_change(self, one: int, other: int) -> float:
-        """More than the pair's speed of approach can change in one tick [m/s].
+    def _bound_change(self, pair: Any) -> float:
+        """More than one tick's accelerations can change a pair's speed of approach [m/s].
 
-        Every joint between the two moves the other by at most the length of the chain beyond it.
+        Joints that move both geoms alike change no distance.
+        """
+        ends = [self._geometry.geometryObjects[end] for end in (pair.first, pair.second)]
+        one, other = (set(self._model.pin.supports[end.parentJoint]) for end in ends)
+        return self._bound_gain(ends[0], one - other) + self._bound_gain(ends[1], other - one)
+
+    def _bound_gain(self, geom: Any, joints: set[int]) -> float:
+        """More than some joints' accelerations can make a geom's points faster in one tick [m/s].
+
+        dt sum_j A_j r_j: A_j acceleration limit; r_j is 1 for a slide, else how far the geom can be
+        from the joint: its own extent from the joint that carries it, and the links between.
         """
         model = self._model.pin
-        chain = sorted(set(model.supports[one]) ^ set(model.supports[other]))
-        change = 0.0
-        for joint in chain:
-            spec = self._model.spec.joints[model.joints[joint].idx_v]
-            beyond = [model.jointPlacements[b].translation for b in chain if b > joint]
-            reach_m = _EXTENT_M + sum(float(np.linalg.norm(offset)) for offset in beyond)
-            if "Prismatic" in model.joints[joint].shortname():
-                reach_m = 1.0
-            change += spec.acceleration_limit * self._limit.dt_s * reach_m
-        return change
+        reach_m = _measure_extent(geom)
+        gain_m_s2 = 0.0
+        for joint in sorted(joints, reverse=True):
+            slides = "Prismatic" in model.joints[joint].shortname()
+            index = model.joints[joint].idx_v
+            limit = self._model.spec.joints[index].acceleration_limit
+            gain_m_s2 += limit * (1.0 if slides else reach_m)
+            reach_m += float(np.linalg.norm(model.jointPlacements[joint].translation))
+            if slides:
+                ends = model.lowerPositionLimit[index], model.upperPositionLimit[index]
+                reach_m += float(np.abs(ends).max())
+        return gain_m_s2 * self._limit.dt_s
 
     def _add_geom(self, name: str) -> int:
         joint, placement = self._model.place_geom(name)
@@ -133,8 +145,13 @@ class Collisions:
 
 
 _WITNESS_TOLERANCE = 1e-9
-_EXTENT_M = 0.2
-"""About how far a link reaches beyond its joint."""
+
+
+def _measure_extent(geom: Any) -> float:
+    """Radius [m] of a sphere about the joint that carries a geom, which holds the geom."""
+    shape = geom.geometry
+    shape.computeLocalAABB()
+    return float(np.linalg.norm(geom.placement.translation)) + shape.aabb_radius
 
 
 def _make_shape(model: RobotModel, name: str) -> Any:

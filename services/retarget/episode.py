@@ -18,7 +18,7 @@ from common.messages import (
 from common.messages.base import has_unit_quaternion
 from common.robots import RobotSpec
 from common.se3 import Array
-from services.retarget.reference import GripperReference
+from services.retarget.reference import GripperReference, Lead
 from services.retarget.report import FrameReport, TickRecord
 from services.retarget.retargeter import Retargeter
 
@@ -106,19 +106,20 @@ class RetargetEpisode:
         return actions
 
     def _answer_state(self, state: RobotState, due: list[PolicyAction]) -> list[Message]:
-        T_world_tool = self._retargeter.compute_tool_pose(state.positions)
+        retargeter = self._retargeter
+        T_world_tool = retargeter.compute_tool_pose(state.positions)
         if self._reference is None:
             gains = self._spec.retarget
-            self._reference = GripperReference(
-                T_world_tool, lead_m=gains.setpoint_lead_m, lead_rad=gains.setpoint_lead_rad
+            lead = Lead(
+                gains.setpoint_lead_m, gains.setpoint_lead_rad, lambda: retargeter.T_world_hand
             )
-            self._retargeter.start(state.positions)
-        T_world_hand = self._retargeter.T_world_hand
+            self._reference = GripperReference(T_world_tool, lead=lead)
+            retargeter.start(state.positions)
         for action in due:
-            self._reference.take(action.steps, T_world_hand)
-        reference = self._reference.advance(T_world_hand)
+            self._reference.take(action.steps)
+        reference = self._reference.advance()
         started = time.perf_counter()
-        motion = self._retargeter.follow(reference, state.positions)
+        motion = retargeter.follow(reference, state.positions)
         solve_time_s = time.perf_counter() - started
         # The runner stamps source, sequence number and time.
         command = RobotCommand(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +28,36 @@ class TickReference:
     twist: Array
 
 
+@dataclass(frozen=True)
+class Lead:
+    """How far a set-point may be ahead of the hand.
+
+    Args:
+        lead_m: Its distance from the hand.
+        lead_rad: The same for its orientation.
+        locate_hand: Tells T_world_hand (4, 4), where the hand is at this moment.
+    """
+
+    lead_m: float
+    lead_rad: float
+    locate_hand: Callable[[], Array]
+
+    def limit(self, T_world_wanted: Array) -> Array:
+        """The pose (4, 4) towards a wanted one that is at most the lead away from the hand."""
+        T_world_hand = self.locate_hand()
+        error_m, error_rad = distance(T_world_hand, T_world_wanted)
+        if error_m <= self.lead_m and error_rad <= self.lead_rad:
+            return T_world_wanted
+        T = T_world_wanted.copy()
+        if error_m > self.lead_m:
+            d = T[:3, 3] - T_world_hand[:3, 3]
+            T[:3, 3] = T_world_hand[:3, 3] + (self.lead_m / error_m) * d
+        if error_rad > self.lead_rad:
+            w = log3(T[:3, :3] @ T_world_hand[:3, :3].T)
+            T[:3, :3] = exp3((self.lead_rad / error_rad) * w) @ T_world_hand[:3, :3]
+        return T
+
+
 class Setpoint:
     """The pose that the policy's differential poses are composed on, and what is left of a chunk.
 
@@ -36,53 +65,26 @@ class Setpoint:
 
     Args:
         T_world_tool: (4, 4) where it starts: the measured tool pose.
-        lead_m: How far it may be ahead of the hand.
-        lead_rad: The same for its orientation.
+        lead: How far it may be ahead of the hand; None: any distance.
     """
 
-    def __init__(
-        self, T_world_tool: Array, *, lead_m: float = math.inf, lead_rad: float = math.inf
-    ) -> None:
+    def __init__(self, T_world_tool: Array, *, lead: Lead | None) -> None:
         self.T_world_setpoint = T_world_tool.copy()
-        self._lead_m = lead_m
-        self._lead_rad = lead_rad
+        self._lead = lead
         self._steps: list[ActionStep] = []
 
     def replace(self, steps: Sequence[ActionStep]) -> None:
         """Take the steps of a new action; what was left of the last one is dropped."""
         self._steps = list(steps)
 
-    def advance(self, T_world_hand: Array | None = None) -> bool:
-        """Move on by the next step; tell whether there was one.
-
-        Args:
-            T_world_hand: (4, 4) where the hand is; without it the lead is not limited.
-        """
+    def advance(self) -> bool:
+        """Move on by the next step; tell whether there was one."""
         if not self._steps:
             return False
         step = self._steps.pop(0)
         T = apply_differential(self.T_world_setpoint, step.translation_m, step.rotation_rad)
-        if T_world_hand is not None:
-            self.T_world_setpoint = _limit_lead(T, T_world_hand, self._lead_m, self._lead_rad)
-        else:
-            self.T_world_setpoint = T
+        self.T_world_setpoint = T if self._lead is None else self._lead.limit(T)
         return True
-
-
-def _limit_lead(
-    T_world_wanted: Array, T_world_hand: Array, lead_m: float, lead_rad: float
-) -> Array:
-    """The pose (4, 4) towards a wanted one that is at most the lead away from the hand."""
-    error_m, error_rad = distance(T_world_hand, T_world_wanted)
-    if error_m <= lead_m and error_rad <= lead_rad:
-        return T_world_wanted
-    T = T_world_wanted.copy()
-    if error_m > lead_m:
-        T[:3, 3] = T_world_hand[:3, 3] + (lead_m / error_m) * (T[:3, 3] - T_world_hand[:3, 3])
-    if error_rad > lead_rad:
-        w = log3(T[:3, :3] @ T_world_hand[:3, :3].T)
-        T[:3, :3] = exp3((lead_rad / error_rad) * w) @ T_world_hand[:3, :3]
-    return T
 
 
 class WaypointInterpolator:
@@ -148,32 +150,24 @@ class GripperReference:
 
     Args:
         T_world_tool: (4, 4) measured tool pose at the first tick.
-        lead_m: How far the set-point may be ahead of the hand.
-        lead_rad: The same for its orientation.
+        lead: How far the set-point may be ahead of the hand; None: any distance.
     """
 
-    def __init__(
-        self, T_world_tool: Array, *, lead_m: float = math.inf, lead_rad: float = math.inf
-    ) -> None:
-        self._setpoint = Setpoint(T_world_tool, lead_m=lead_m, lead_rad=lead_rad)
+    def __init__(self, T_world_tool: Array, *, lead: Lead | None) -> None:
+        self._setpoint = Setpoint(T_world_tool, lead=lead)
         self._interpolator = WaypointInterpolator(T_world_tool)
 
-    def take(self, steps: Sequence[ActionStep], T_world_hand: Array | None = None) -> None:
-        """Start on a new action now, from the current reference.
-
-        Args:
-            steps: Of the action.
-            T_world_hand: (4, 4) where the hand is; without it the lead is not limited.
-        """
+    def take(self, steps: Sequence[ActionStep]) -> None:
+        """Start on a new action now, from the current reference."""
         self._setpoint.replace(steps)
-        self._aim_at_next_step(T_world_hand)
+        self._aim_at_next_step()
 
-    def advance(self, T_world_hand: Array | None = None) -> TickReference:
+    def advance(self) -> TickReference:
         """Move on by one tick; a chunk continues whenever its last waypoint is reached."""
         if self._interpolator.arrived:
-            self._aim_at_next_step(T_world_hand)
+            self._aim_at_next_step()
         return self._interpolator.advance()
 
-    def _aim_at_next_step(self, T_world_hand: Array | None) -> None:
-        if self._setpoint.advance(T_world_hand):
+    def _aim_at_next_step(self) -> None:
+        if self._setpoint.advance():
             self._interpolator.aim(self._setpoint.T_world_setpoint)

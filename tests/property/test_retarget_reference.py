@@ -53,7 +53,7 @@ def test_twist_is_the_derivative(T_start, T_waypoint):
     st.lists(st.tuples(st.lists(steps, min_size=1, max_size=3), st.integers(1, 25)), max_size=4),
 )
 def test_reference_is_continuous_and_ends_at_the_composed_setpoint(T_start, actions):
-    reference = GripperReference(T_start)
+    reference = GripperReference(T_start, lead=None)
     T_last, T_setpoint = T_start, T_start
     for chunk, ticks in actions:
         reference.take(chunk)
@@ -76,7 +76,7 @@ def test_reference_is_continuous_and_ends_at_the_composed_setpoint(T_start, acti
 
 def test_a_chunk_is_consumed_one_step_per_ten_ticks():
     forward = ActionStep(translation_m=[0.1, 0.0, 0.0], rotation_rad=[0.0] * 3, grasp=False)
-    reference = GripperReference(np.eye(4))
+    reference = GripperReference(np.eye(4), lead=None)
     reference.take([forward, forward, forward])
     x = [float(reference.advance().T_world_end[0, 3]) for _ in range(35)]
     assert x[9] == pytest.approx(0.1)
@@ -87,7 +87,7 @@ def test_a_chunk_is_consumed_one_step_per_ten_ticks():
 def test_a_new_action_replaces_the_rest_of_a_chunk_and_starts_where_the_reference_is():
     forward = ActionStep(translation_m=[0.1, 0.0, 0.0], rotation_rad=[0.0] * 3, grasp=False)
     left = ActionStep(translation_m=[0.0, 0.1, 0.0], rotation_rad=[0.0] * 3, grasp=False)
-    reference = GripperReference(np.eye(4))
+    reference = GripperReference(np.eye(4), lead=None)
     reference.take([forward, forward, forward])
     for _ in range(5):
         reference.advance()
@@ -104,7 +104,7 @@ def test_a_new_action_replaces_the_rest_of_a_chunk_and_starts_where_the_referenc
 def test_actions_are_expressed_in_the_setpoint_frame():
     quarter = ActionStep(translation_m=[0.0] * 3, rotation_rad=[0.0, 0.0, np.pi / 2], grasp=False)
     forward = ActionStep(translation_m=[0.1, 0.0, 0.0], rotation_rad=[0.0] * 3, grasp=False)
-    reference = GripperReference(np.eye(4))
+    reference = GripperReference(np.eye(4), lead=None)
     reference.take([quarter, forward])
     for _ in range(20):
         tick = reference.advance()

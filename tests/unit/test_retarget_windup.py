@@ -7,19 +7,24 @@ from common.clock import TICK_S
 from common.messages import ActionStep
 from common.se3 import distance
 from services.retarget.braking import braking_distance
-from services.retarget.reference import GripperReference
+from services.retarget.reference import GripperReference, Lead
 from services.retarget.whole_body import WholeBodyRetargeter, list_limits
 from tests.retarget_runs import BODIES, make_retargeter, rest, robot_model, step
 
 LEAD_M, LEAD_RAD = 0.15, 0.6
 
 
+def _make_reference(locate_hand):
+    """A reference that starts at the hand and waits for it."""
+    return GripperReference(locate_hand(), lead=Lead(LEAD_M, LEAD_RAD, locate_hand))
+
+
 def _push_on(retargeter, reference, actions, translation_m, rotation_rad):
     """A policy that asks for the same step again and again; the last reference."""
     for _ in range(actions):
-        reference.take([step(translation_m, rotation_rad)], retargeter.T_world_hand)
+        reference.take([step(translation_m, rotation_rad)])
         for _ in range(10):
-            tick = reference.advance(retargeter.T_world_hand)
+            tick = reference.advance()
             retargeter.follow(tick)
     return tick
 
@@ -31,7 +36,7 @@ def _push_on(retargeter, reference, actions, translation_m, rotation_rad):
 @pytest.mark.parametrize("name", BODIES)
 def test_a_setpoint_waits_for_the_hand(name, actions, translation_m, rotation_rad):
     retargeter = make_retargeter(name)
-    reference = GripperReference(retargeter.T_world_hand, lead_m=LEAD_M, lead_rad=LEAD_RAD)
+    reference = _make_reference(lambda: retargeter.T_world_hand)
     tick = _push_on(retargeter, reference, actions, translation_m, rotation_rad)
     error_m, error_rad = distance(retargeter.T_world_hand, tick.T_world_end)
     # The hand may give way a little in the ticks between two actions.
@@ -41,7 +46,7 @@ def test_a_setpoint_waits_for_the_hand(name, actions, translation_m, rotation_ra
 
 def test_a_policy_that_turns_round_is_obeyed_at_once():
     retargeter = make_retargeter("panda")
-    reference = GripperReference(retargeter.T_world_hand, lead_m=LEAD_M, lead_rad=LEAD_RAD)
+    reference = _make_reference(lambda: retargeter.T_world_hand)
     _push_on(retargeter, reference, 80, [0.03, 0.0, 0.0], [0.0, 0.0, 0.0])
     stretched = retargeter.T_world_hand[0, 3]
     _push_on(retargeter, reference, 12, [-0.03, 0.0, 0.0], [0.0, 0.0, 0.0])
@@ -89,10 +94,26 @@ def test_latency_is_no_lead():
         assert one.positions == other.positions
 
 
+def test_the_hand_is_located_when_a_step_is_taken_and_only_then():
+    located = []
+
+    def locate_hand():
+        located.append(np.eye(4))
+        return located[-1]
+
+    reference = GripperReference(np.eye(4), lead=Lead(LEAD_M, LEAD_RAD, locate_hand))
+    reference.advance()
+    assert len(located) == 0
+    reference.take([step([0.01, 0.0, 0.0])] * 2)
+    for tick in range(30):
+        reference.advance()
+        assert len(located) == (1 if tick < 10 else 2)
+
+
 def test_a_single_step_is_never_cut():
-    reference = GripperReference(np.eye(4), lead_m=LEAD_M, lead_rad=LEAD_RAD)
+    reference = _make_reference(lambda: np.eye(4))
     action = ActionStep(translation_m=[0.1, 0, 0], rotation_rad=[0, 0, 0.5], grasp=False)
-    reference.take([action], np.eye(4))
+    reference.take([action])
     for _ in range(10):
-        tick = reference.advance(np.eye(4))
+        tick = reference.advance()
     assert tick.T_world_end[0, 3] == pytest.approx(0.1)

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from common.errors import BadRobotFile, FootholdOutOfReach
+from common.errors import FootholdOutOfReach
 from common.robots.compile import find_positions
 from common.robots.leg import Leg, read_legs
 from common.se3 import Array
@@ -44,9 +44,6 @@ def check_legs(model: RobotModel) -> list[Finding]:
     """
     mj, data = model.mj, mujoco.MjData(model.mj)
     legs = read_legs(mj, model.spec)
-    for leg in legs:
-        if not (any(leg.thigh_m) and any(leg.shank_m)):
-            raise BadRobotFile(model.spec.name, f"leg {leg.name}", "thigh or shank has no length")
     seen = [_Leg(leg.name) for leg in legs]
     feet = [leg.foot_site for leg in model.spec.legs]
     bodies = [int(mj.body_parentid[int(mj.joint(leg.joints[0]).bodyid[0])]) for leg in legs]

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from common.clock import FRAME_TICKS
-from common.se3 import Array, distance
 from common.tasks import load_task
-from common.tasks.recording import Recording, list_recordings, load_recording
+from common.tasks.recording import list_recordings, load_recording
 from services.retarget.check.ranges import rank_margins
 from services.retarget.check.report import Finding, judge
-from services.retarget.reference import GripperReference
+from services.retarget.recorded_run import Run, follow_recording
 from services.retarget.robot_model import RobotModel
-from services.retarget.whole_body import WholeBodyRetargeter
 
 P95_LIMIT_M, P95_LIMIT_RAD = 0.005, 0.02
 LARGEST_LIMIT_M, LARGEST_LIMIT_RAD = 0.020, 0.1
@@ -28,62 +23,20 @@ _REST_TICKS = 20
 """After the last set-point."""
 
 
-@dataclass(frozen=True)
-class Run:
-    """What the retargeter did along a recording, tick by tick.
-
-    Args:
-        q: (ticks, n) commanded joint positions.
-        error_m: (ticks,) distance of the commanded hand from its reference.
-        error_rad: (ticks,) the same for its orientation.
-        held_back: (ticks,) whether some joint's velocity stood at a bound.
-        failures: Levels that had no solution, in all ticks together.
-    """
-
-    q: Array
-    error_m: Array
-    error_rad: Array
-    held_back: Array
-    failures: int
-
-
 def check_margins(model: RobotModel) -> list[Finding]:
     """Follow every recording from the start posture, without dynamics, and tell how it went."""
     findings: list[Finding] = []
     for task in list_recordings():
-        run = follow_recording(model, load_recording(task))
-        findings += [_tell_margin(model, task, run), _tell_hand(task, run), _tell_bounds(task, run)]
+        run = follow_recording(
+            model, load_recording(task), load_task(task).obstacles, rest_ticks=_REST_TICKS
+        )
+        findings += [_tell_margin(task, run), _tell_hand(task, run), _tell_bounds(task, run)]
     return findings
 
 
-def follow_recording(model: RobotModel, recording: Recording) -> Run:
-    """The retargeter's commands along a recording; each one is taken to be carried out exactly."""
-    gains = model.spec.retarget
-    retargeter = WholeBodyRetargeter(model, load_task(recording.task).obstacles)
-    reference = GripperReference(
-        retargeter.T_world_hand, lead_m=gains.setpoint_lead_m, lead_rad=gains.setpoint_lead_rad
-    )
-    q: list[list[float]] = []
-    errors: list[tuple[float, float]] = []
-    held_back: list[bool] = []
-    failures = 0
-    actions = recording.list_actions()
-    for tick in range(len(actions) * FRAME_TICKS + _REST_TICKS):
-        frame, since = divmod(tick, FRAME_TICKS)
-        if since == 0 and frame < len(actions):
-            reference.take([actions[frame]], retargeter.T_world_hand)
-        wanted = reference.advance(retargeter.T_world_hand)
-        motion = retargeter.follow(wanted)
-        q.append(motion.positions)
-        errors.append(distance(wanted.T_world_end, retargeter.T_world_hand))
-        held_back.append(bool(motion.active_limits))
-        failures += motion.failures
-    error_m, error_rad = np.array(errors).T
-    return Run(np.array(q), error_m, error_rad, np.array(held_back), failures)
-
-
-def _tell_margin(model: RobotModel, task: str, run: Run) -> Finding:
+def _tell_margin(task: str, run: Run) -> Finding:
     """A joint may stand at its limit, and is named then, but not beyond it."""
+    model = run.model
     distances = np.minimum(run.q - model.lower, model.upper - run.q)
     ranked = rank_margins(model, distances.min(axis=0))
     names = [joint.name for joint in model.spec.joints]
