@@ -3,7 +3,7 @@ PY ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: run test test-long check format bench bench-retarget clean help
+.PHONY: run test test-long check format bench bench-retarget bench-robosuite clean help
 .DEFAULT_GOAL := help
 
 help:   ## list the targets
@@ -42,5 +42,8 @@ bench-retarget: $(STAMP) ## speed and accuracy of the retargeter beside Pink and
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps mink==1.3.0
 	$(BIN)/python -m benchmarks.retarget
 
+bench-robosuite: $(STAMP) ## speed of the full loop beside robosuite, in its own environment
+	$(BIN)/python -m benchmarks.versus_robosuite
+
 clean:  ## remove the environment and results
-	rm -rf .venv runs
+	rm -rf .venv .venv-robosuite runs
