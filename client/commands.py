@@ -35,6 +35,28 @@ class Demo(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
+class DemoRecord(Command):
+    """Record demonstrations by the scripted expert; the same command again goes on."""
+
+    task: str = "lid"
+    """Task to demonstrate."""
+    robot: str = "abstract"
+    """Robot that carries the gripper."""
+    episodes: int = 150
+    """Successful demonstrations that are wanted."""
+    out: Path | None = None
+    """Folder of the data set; without it runs/demonstrations/TASK-ROBOT-SEED."""
+    seed: int = 0
+    """Seed of the first trial; the others follow from it, as in an evaluation."""
+    workers: int = 0
+    """Processes; 0 = one per core. What is recorded does not depend on it."""
+    keep_failed: bool = False
+    """Store failed demonstrations too; they do not count as wanted."""
+    camera: str = "t265"
+    """Calibration of the stereo camera."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Up(Command):
     """Start the services of one machine and leave them running."""
 
@@ -132,6 +154,30 @@ class RobotCheck(Command):
 
     robot: Positional[str]
     """Name of a robot, or a folder with model.xml and robot.toml."""
+    json: bool = False
+    """Print one JSON object."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataView(Command):
+    """Show the episodes of a data set."""
+
+    folder: Positional[Path]
+    """Folder of the data set."""
+    episode: int = 0
+    """Episode of the sheet, from 0."""
+    sheet: Path | None = None
+    """Also draw images of that episode over time: a PNG file to write."""
+    json: bool = False
+    """Print one JSON object."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataCheck(Command):
+    """Check a data set: hashes, columns, motion, replay; exit code 1 if something is wrong."""
+
+    folder: Positional[Path]
+    """Folder of the data set."""
     json: bool = False
     """Print one JSON object."""
 

@@ -27,6 +27,7 @@ from common.errors import LegatoError, UnknownName
 
 VERBS: dict[tuple[str, ...], tuple[type[commands.Command], str]] = {
     ("demo",): (commands.Demo, "demo:run"),
+    ("demo", "record"): (commands.DemoRecord, "record:run"),
     ("up",): (commands.Up, "deploy:up"),
     ("down",): (commands.Down, "deploy:down"),
     ("status",): (commands.Status, "deploy:status"),
@@ -34,6 +35,8 @@ VERBS: dict[tuple[str, ...], tuple[type[commands.Command], str]] = {
     ("report",): (commands.Report, "evaluate:write"),
     ("robot", "list"): (commands.RobotList, "robot:show_all"),
     ("robot", "check"): (commands.RobotCheck, "robot:check"),
+    ("data", "view"): (commands.DataView, "data:view"),
+    ("data", "check"): (commands.DataCheck, "data:check"),
     ("topic", "list"): (commands.TopicList, "topic:list_topics"),
     ("topic", "echo"): (commands.TopicEcho, "topic:echo"),
     ("topic", "hz"): (commands.TopicHz, "topic:measure"),
@@ -112,9 +115,10 @@ def find_verb(arguments: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
         UnknownName: There is no such verb.
     """
     first, rest = arguments[0], list(arguments[1:])
-    if (first,) in VERBS:
-        return (first,), rest
     family = [words[1] for words in VERBS if words[0] == first and len(words) == 2]
+    # A verb may be a family too: `legato demo` and `legato demo record`.
+    if (first,) in VERBS and not (family and rest and not rest[0].startswith("-")):
+        return (first,), rest
     if not family:
         raise UnknownName("command", first, list(dict.fromkeys(words[0] for words in VERBS)))
     if not rest or rest[0] in ("-h", "--help"):

@@ -1,22 +1,29 @@
-"""An evaluation inside this process: the same services and scheduler, one thread, no network.
+"""The services and the scheduler inside this process: one thread, no network.
 
 The services are imported when they are used.
 """
 
 from __future__ import annotations
 
+import importlib.metadata
 import secrets
 import threading
+from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from client.progress import Progress
 from client.record import EvaluationRecord
+from client.recording.inbox import FrameInbox
 from client.request import Known, check_names
+from common import __version__
 from common.api import EvaluationRequest, ProgressEvent
 from common.bus import Bus, BusSettings, open_session
 from common.errors import MissingExtra
+from common.messages import LocalMessage
 from common.robots import list_robots
-from common.service import Host, InlineRunner, Reactor
+from common.service import Host, InlineRunner, Reactor, Sink
 from common.tasks import list_tasks
 
 if TYPE_CHECKING:
@@ -39,14 +46,141 @@ def run_in_process(
         MissingExtra: A package that some service needs is not installed.
         UnknownNames: Tasks, robots or policies that do not exist.
     """
-    try:
-        nodes = _build_nodes(request)
+    with missing_extra_told():
+        check_request_here(request)
         results = _Results(progress)
+        services = open_services(request.robots, control_sink=results.sink)
+    submitted = results.create(request)
+    with services as opened:
+        opened.wait_until_ready(stop)
+        opened.tell(submitted)
+        opened.run(until=lambda: results.ended or stop.is_set())
+        if not results.ended:
+            opened.cancel(submitted.evaluation)
+            opened.run(until=lambda: results.ended)
+    return results.record(submitted.evaluation)
+
+
+@dataclass(frozen=True)
+class Services:
+    """Everything an episode takes, running in this thread."""
+
+    control: Host
+    runner: InlineRunner
+    is_ready: Callable[[], bool]
+
+    def run(self, *, until: Callable[[], bool]) -> None:
+        """Let everybody work until the condition holds."""
+        self.runner.run(until=until)
+
+    def wait_until_ready(self, stop: threading.Event) -> None:
+        """Let everybody work until the scheduler knows a node of every kind."""
+        self.run(until=lambda: self.is_ready() or stop.is_set())
+
+    def tell(self, event: LocalMessage) -> None:
+        """Hand the scheduler an event."""
+        self.control.inbox.put_event(event)
+
+    def cancel(self, evaluation: str) -> None:
+        """Let the scheduler stop an evaluation."""
+        from services.control.events import CancelEvaluation
+
+        self.tell(CancelEvaluation(evaluation))
+
+
+@contextmanager
+def missing_extra_told() -> Generator[None, None, None]:
+    """Name the extra when a package of a service is not installed."""
+    try:
+        yield
     except ModuleNotFoundError as error:
         raise MissingExtra(error.name or "of a service", "all") from error
-    submitted = results.create(request)
-    _drive(nodes, results, submitted, stop)
-    return results.record(submitted.evaluation)
+
+
+def check_request_here(request: EvaluationRequest) -> None:
+    """Refuse names that do not exist in this installation.
+
+    Raises:
+        UnknownNames: Lists all of them.
+    """
+    from services.policy.registry import BUILT_IN
+
+    check_names(request, Known(list_tasks(), list_robots(), sorted(BUILT_IN)))
+
+
+def open_services(
+    robots: Sequence[str],
+    *,
+    control_sink: Sink,
+    recorder: tuple[Reactor, Sink] | None = None,
+) -> AbstractContextManager[Services]:
+    """The services of an episode and the scheduler.
+
+    Args:
+        robots: Robots that get a retargeter.
+        control_sink: Takes what the scheduler tells.
+        recorder: Listens to the frames; it hears a result before the scheduler does.
+
+    Raises:
+        ModuleNotFoundError: A package of a service is not installed.
+    """
+    from services.gripper.reactor import GripperReactor
+    from services.policy.reactor import PolicyReactor
+    from services.retarget.reactor import RetargetReactor
+    from services.sim.reactor import SimReactor
+
+    nodes: list[tuple[str, Reactor]] = [
+        (CELL, SimReactor(node=CELL)),
+        ("retarget", RetargetReactor(node="retarget", robots=robots)),
+        ("gripper", GripperReactor(node="gripper")),
+        ("policy", PolicyReactor(node="policy")),
+    ]
+    return _open(nodes, control_sink, recorder)
+
+
+def list_software() -> dict[str, str]:
+    """Versions of the code and of the packages that shape what is simulated.
+
+    Raises:
+        ModuleNotFoundError: A package of a service is not installed.
+    """
+    from services.policy.reactor import PolicyReactor
+    from services.retarget.reactor import RetargetReactor
+    from services.sim.reactor import SimReactor
+
+    shaping = (*SimReactor.packages, *RetargetReactor.packages, *PolicyReactor.packages)
+    versions = {name: importlib.metadata.version(name) for name in sorted(set(shaping))}
+    return {"legato": __version__, **versions}
+
+
+@contextmanager
+def _open(
+    nodes: Sequence[tuple[str, Reactor]],
+    control_sink: Sink,
+    recorder: tuple[Reactor, Sink] | None,
+) -> Generator[Services, None, None]:
+    from services.control.deployment import Deployment
+    from services.control.events import NodesChanged
+    from services.control.scheduler import Scheduler
+
+    deployment = Deployment()
+
+    def sink(event: LocalMessage) -> None:
+        if isinstance(event, NodesChanged):
+            deployment.nodes = event.nodes
+        control_sink(event)
+
+    settings = BusSettings(profile="in_process", namespace=f"offline-{secrets.token_hex(4)}")
+    with open_session(settings) as session, Bus(session) as bus:
+        control = Host(Scheduler(), bus, node="control", sink=sink)
+        hosts = [Host(each, bus, node=node) for node, each in nodes]
+        if recorder is not None:
+            listener, recorder_sink = recorder
+            hosts.append(Host(listener, bus, node="recorder", sink=recorder_sink))
+            hosts[-1].inbox = FrameInbox()
+        runner = InlineRunner([*hosts, control])
+        runner.start()
+        yield Services(control, runner, lambda: not deployment.missing())
 
 
 class _Results:
@@ -67,11 +201,6 @@ class _Results:
         self.sink = ResultSink(self._store, self._deployment, self._show)
         self.ended = False
 
-    @property
-    def ready(self) -> bool:
-        """Whether the scheduler knows a node of every kind."""
-        return not self._deployment.missing()
-
     def create(self, request: EvaluationRequest) -> SubmitEvaluation:
         """A new evaluation."""
         return self._store.create(request)
@@ -90,42 +219,3 @@ class _Results:
         changed = None if trial is None else self._queries.trial(identifier, trial)
         self._progress.update(ProgressEvent(evaluation=evaluation, trial=changed))
         self.ended = evaluation.status != "running"
-
-
-def _build_nodes(request: EvaluationRequest) -> list[tuple[str, Reactor]]:
-    """The services of an episode, by node; names are checked before models are built."""
-    from services.gripper.reactor import GripperReactor
-    from services.policy.reactor import PolicyReactor
-    from services.policy.registry import BUILT_IN
-    from services.retarget.reactor import RetargetReactor
-    from services.sim.reactor import SimReactor
-
-    check_names(request, Known(list_tasks(), list_robots(), sorted(BUILT_IN)))
-    return [
-        (CELL, SimReactor(node=CELL)),
-        ("retarget", RetargetReactor(node="retarget", robots=request.robots)),
-        ("gripper", GripperReactor(node="gripper")),
-        ("policy", PolicyReactor(node="policy")),
-    ]
-
-
-def _drive(
-    nodes: list[tuple[str, Reactor]],
-    results: _Results,
-    submitted: SubmitEvaluation,
-    stop: threading.Event,
-) -> None:
-    from services.control.events import CancelEvaluation
-    from services.control.scheduler import Scheduler
-
-    settings = BusSettings(profile="in_process", namespace=f"offline-{secrets.token_hex(4)}")
-    with open_session(settings) as session, Bus(session) as bus:
-        control = Host(Scheduler(), bus, node="control", sink=results.sink)
-        runner = InlineRunner([*(Host(each, bus, node=node) for node, each in nodes), control])
-        runner.start()
-        runner.run(until=lambda: results.ready or stop.is_set())
-        control.inbox.put_event(submitted)
-        runner.run(until=lambda: results.ended or stop.is_set())
-        if not results.ended:
-            control.inbox.put_event(CancelEvaluation(submitted.evaluation))
-            runner.run(until=lambda: results.ended)

@@ -3,7 +3,8 @@
 LegatoError
 ├─ ConfigError      UnknownName, InvalidValue, MissingExtra
 ├─ ContractError    SchemaMismatch, MalformedMessage, WrongShape
-├─ ModelError       BadRobotFile, ModelMismatch, BadCalibration, FootholdOutOfReach
+├─ ModelError       BadRobotFile, ModelMismatch, BadCalibration, FootholdOutOfReach,
+│                   UnsupportedGeom
 ├─ LinkError        RouterUnreachable, NotReady, NodeTimeout, AlreadyRunning, PortInUse
 └─ StoreError       NotFound, NotWritable
 
@@ -217,6 +218,23 @@ class FootholdOutOfReach(ModelError):
             f"leg {leg} cannot reach its foothold at ({x:.3f}, {y:.3f}, {z:.3f}) m from the hip",
             expected=problem,
             action="narrow the body's joint ranges in model.xml",
+        )
+
+
+class UnsupportedGeom(ModelError):
+    """A visible geom of a kind that the ray camera cannot draw."""
+
+    code = "E-GEOM"
+
+    def __init__(self, geom: str, body: str, kind: str, known: Sequence[str]) -> None:
+        self.geom = geom
+        self.body = body
+        self.kind = kind
+        self.known = tuple(known)
+        super().__init__(
+            f"geom {geom} of body {body} is a {kind}, which the camera cannot draw",
+            expected=f"expected one of: {', '.join(self.known)}",
+            action="draw it with those shapes, or hide it from cameras with group 4 or 5",
         )
 
 

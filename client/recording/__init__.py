@@ -1,0 +1,1 @@
+"""`legato demo record`: demonstrations by the scripted expert, in parallel processes."""

@@ -1,0 +1,1 @@
+"""The recorder: what an episode publishes becomes rows of a data set."""
