@@ -13,7 +13,7 @@ from client.progress import Progress
 from client.record import EvaluationRecord
 from client.request import Known, check_names
 from common.api import EvaluationRequest, ProgressEvent
-from common.bus import Bus, BusSettings, open_session
+from common.bus import BusSettings, LocalBus, open_session
 from common.errors import MissingExtra
 from common.robots import list_robots
 from common.service import Host, InlineRunner, Reactor
@@ -119,7 +119,7 @@ def _drive(
     from services.control.scheduler import Scheduler
 
     settings = BusSettings(profile="in_process", namespace=f"offline-{secrets.token_hex(4)}")
-    with open_session(settings) as session, Bus(session) as bus:
+    with open_session(settings) as session, LocalBus(session) as bus:
         control = Host(Scheduler(), bus, node="control", sink=results.sink)
         runner = InlineRunner([*(Host(each, bus, node=node) for node, each in nodes), control])
         runner.start()

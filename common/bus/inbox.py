@@ -12,10 +12,11 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
+from common.messages import Message
 from common.topics import TOPICS, Topic
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Received:
     """Bytes as they came from the bus, not decoded yet."""
 
@@ -23,6 +24,15 @@ class Received:
     key: str
     encoding: str
     payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Handed:
+    """A message of this very process, handed over as it is."""
+
+    topic: Topic
+    key: str
+    message: Message
 
 
 class Inbox:
@@ -35,7 +45,7 @@ class Inbox:
     def __init__(self) -> None:
         self.superseded = 0
         self._lock = threading.Lock()
-        self._slots: dict[str, dict[str, deque[Received]]] = {}
+        self._slots: dict[str, dict[str, deque[Received | Handed]]] = {}
         self._events: list[Any] = []
         self._signalled = False
         self._wake: queue.SimpleQueue[None] = queue.SimpleQueue()
@@ -47,8 +57,8 @@ class Inbox:
             # Keep the table's order: episode control is read before what it concerns.
             self._slots = {t.name: self._slots.get(t.name, {}) for t in TOPICS if t.name in opened}
 
-    def put(self, received: Received) -> None:
-        """Store bytes from the bus. Safe in a Zenoh callback: the lock is held for a swap only."""
+    def put(self, received: Received | Handed) -> None:
+        """Store what came from the bus. Safe in a Zenoh callback: the lock is held for a swap only."""
         with self._lock:
             by_key = self._slots[received.topic.name]
             slot = by_key.get(received.key)
@@ -75,7 +85,7 @@ class Inbox:
         self._wake.put(None)
         return True
 
-    def drain(self) -> tuple[list[Any], list[Received]]:
+    def drain(self) -> tuple[list[Any], list[Received | Handed]]:
         """Take everything that waits: events first, then messages in the order of the table."""
         with self._lock:
             if not self._signalled:
@@ -83,7 +93,7 @@ class Inbox:
             self._signalled = False
             self._wake.get()
             events, self._events = self._events, []
-            received: list[Received] = []
+            received: list[Received | Handed] = []
             for by_key in self._slots.values():
                 if by_key:
                     for slot in by_key.values():
