@@ -23,6 +23,9 @@ Quaternion: TypeAlias = tuple[float, float, float, float]
 
 _SMALL_ANGLE_RAD = 1e-8
 
+_IDENTITY: Array = np.eye(4)
+_IDENTITY.flags.writeable = False
+
 
 def exp3(rotation_vector: Sequence[float] | Array) -> Array:
     """Rotation matrix R = exp([w]x), by Rodrigues' formula.
@@ -138,7 +141,7 @@ def matrix_from_quat(quat_wxyz: Sequence[float] | Array) -> Array:
 
 def make_pose(R: Array, p: Sequence[float] | Array) -> Array:
     """Homogeneous matrix (4, 4) of a rotation (3, 3) and a translation (3,) [m]."""
-    T = np.eye(4)
+    T = _IDENTITY.copy()
     T[:3, :3] = R
     T[:3, 3] = p
     return T

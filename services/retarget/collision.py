@@ -56,6 +56,7 @@ class Collisions:
             request.gjk_tolerance = _WITNESS_TOLERANCE
         self._pairs = [self._describe(pair) for pair in self._geometry.collisionPairs]
         self._change_m_s = [self._bound_change(pair) for pair in self._geometry.collisionPairs]
+        self._far_m = [limit.distance(_FAST_M_S + change) for change in self._change_m_s]
         self._distances_m: list[float] = []
 
     def __bool__(self) -> bool:
@@ -67,12 +68,15 @@ class Collisions:
         pin.updateGeometryPlacements(model.pin, model.data, self._geometry, self._data)
         pin.computeDistances(self._geometry, self._data)
         results = self._data.distanceResults
-        distances_m = [results[i].min_distance for i in range(len(self._pairs))]
+        distances_m = [result.min_distance for result in results]
         before_m, self._distances_m = self._distances_m or distances_m, distances_m
         near: list[Approach] = []
         for i, (distance_m, before) in enumerate(zip(distances_m, before_m, strict=True)):
-            speed = self._limit.speed(distance_m)
             approach = max(before - distance_m, 0.0) / self._limit.dt_s
+            # Far pairs, nearly all of them, need no more than this.
+            if distance_m > self._far_m[i] and approach < _FAST_M_S:
+                continue
+            speed = self._limit.speed(distance_m)
             if speed < approach + self._change_m_s[i]:
                 near.append(self._make_row(i, results[i], distance_m, speed))
         return near
@@ -145,6 +149,8 @@ class Collisions:
 
 
 _WITNESS_TOLERANCE = 1e-9
+_FAST_M_S = 1.0
+"""Pairs that approach slower than this and are far enough apart are not looked at closer."""
 
 
 def _measure_extent(geom: Any) -> float:
