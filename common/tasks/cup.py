@@ -58,7 +58,7 @@ class CupTask:
     """
 
     name: str = "cup"
-    title: str = "Shelving the cup"
+    title: str = "Shelving the cup (reachable layout)"
     time_limit_s: float = 40.0
     moved_object: str = "cup"
     objects: tuple[str, ...] = ("cabinet", "cup")

@@ -148,6 +148,25 @@ class Collisions:
         )
 
 
+def _make_boxes_exact() -> None:
+    """Let coal take boxes as they are, whatever is computed first in this process.
+
+    coal 3.0.3 widens all boxes by a factor of 1 + 1e-10, or does not, for the life of the process:
+    its support function of a box keeps a static that the direction of the very first call sets. A
+    first call along no axis sets it to 1. Without this, a robot's trace would depend on which robot
+    came before it.
+    """
+    request = coal.DistanceRequest()
+    request.gjk_initial_guess = coal.GJKInitialGuess.CachedGuess
+    request.cached_gjk_guess = np.array([0.3, 0.5, 0.7])
+    here, there = coal.Transform3s(), coal.Transform3s(np.eye(3), np.array([3.0, 5.0, 7.0]))
+    coal.distance(
+        coal.Box(1, 1, 1), here, coal.Capsule(1, 1), there, request, coal.DistanceResult()
+    )
+
+
+_make_boxes_exact()
+
 _WITNESS_TOLERANCE = 1e-9
 _FAST_M_S = 1.0
 """Pairs that approach slower than this and are far enough apart are not looked at closer."""

@@ -235,8 +235,7 @@ class HandServos:
         error_rad = relative_rotation(quat, self._quats[step])
         w = data.qvel[self._ball_dof].tolist()
         data.ctrl[self._ball_control] = [
-            kp * e + kd * (w_des - w)
-            for e, w_des, w in zip(error_rad, self._w, w, strict=True)
+            kp * e + kd * (w_des - w) for e, w_des, w in zip(error_rad, self._w, w, strict=True)
         ]
 
     def positions(self, data: Any) -> list[float]:
