@@ -57,17 +57,13 @@ class Inbox:
             # Keep the table's order: episode control is read before what it concerns.
             self._slots = {t.name: self._slots.get(t.name, {}) for t in TOPICS if t.name in opened}
 
-    def put(self, received: Received | Handed) -> None:
-        """Store what came from the bus. Safe in a Zenoh callback: the lock is held for a swap only."""
-        with self._lock:
-            by_key = self._slots[received.topic.name]
-            slot = by_key.get(received.key)
-            if slot is None:
-                slot = by_key[received.key] = deque(maxlen=received.topic.depth)
-            if len(slot) == received.topic.depth:
-                self.superseded += 1
-            slot.append(received)
-            self._signal()
+    def put(self, received: Received) -> None:
+        """Store bytes from the bus. Safe in a Zenoh callback: the lock is held for a swap only."""
+        self._store(received)
+
+    def hand(self, handed: Handed) -> None:
+        """Store a message of this process."""
+        self._store(handed)
 
     def put_event(self, event: Any) -> None:
         """Store something that must not be lost: a liveliness change, a request, a command."""
@@ -100,6 +96,17 @@ class Inbox:
                         received.extend(slot)
                     by_key.clear()
         return events, received
+
+    def _store(self, item: Received | Handed) -> None:
+        with self._lock:
+            by_key = self._slots[item.topic.name]
+            slot = by_key.get(item.key)
+            if slot is None:
+                slot = by_key[item.key] = deque(maxlen=item.topic.depth)
+            if len(slot) == item.topic.depth:
+                self.superseded += 1
+            slot.append(item)
+            self._signal()
 
     def _signal(self) -> None:
         if not self._signalled:

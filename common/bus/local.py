@@ -50,7 +50,7 @@ class LocalBus(Bus):
         for listener in self._listeners[topic.name]:
             if listener.owner in ("*", owner):
                 handed = handed or Handed(topic, self._name(topic, owner), message)
-                listener.inbox.put(handed)
+                listener.inbox.hand(handed)
 
     def subscribe(self, topic: Topic, inbox: Inbox, *, owner: str = "*") -> Subscription:
         """Let every message of a topic, of one cell or of all, fall into an inbox."""
