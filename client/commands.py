@@ -118,6 +118,10 @@ class Eval(Command):
     """Trace every pixel of the images: slower, exact."""
     action_latency_ms: float = 0.0
     """Lockstep: modelled time from a frame to its action's effect [ms]."""
+    tracking_lag_ms: float = 0.0
+    """Let every robot's hand lag behind its reference with this time constant [ms]."""
+    randomise_camera: bool = False
+    """Vary exposure, vignette and noise of the images, by the trial's seed."""
     in_process: bool = False
     """Run everything inside this process, without services."""
     json: bool = False

@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING
 
 from client.progress import Progress
 from client.record import EvaluationRecord
-from client.recording.inbox import FrameInbox
 from client.request import Known, check_names
 from common import __version__
 from common.api import EvaluationRequest, ProgressEvent
-from common.bus import Bus, BusSettings, open_session
+from common.bus import BusSettings, LocalBus, open_session
 from common.errors import MissingExtra
 from common.messages import LocalMessage
 from common.robots import list_robots
@@ -171,13 +170,12 @@ def _open(
         control_sink(event)
 
     settings = BusSettings(profile="in_process", namespace=f"offline-{secrets.token_hex(4)}")
-    with open_session(settings) as session, Bus(session) as bus:
+    with open_session(settings) as session, LocalBus(session) as bus:
         control = Host(Scheduler(), bus, node="control", sink=sink)
         hosts = [Host(each, bus, node=node) for node, each in nodes]
         if recorder is not None:
             listener, recorder_sink = recorder
             hosts.append(Host(listener, bus, node="recorder", sink=recorder_sink))
-            hosts[-1].inbox = FrameInbox()
         runner = InlineRunner([*hosts, control])
         runner.start()
         yield Services(control, runner, lambda: not deployment.missing())

@@ -17,7 +17,7 @@ from client.record import (
     in_ms,
     in_percent,
 )
-from common.api import CellSummary, Evaluation, Trial
+from common.api import CellSummary, Evaluation, EvaluationRequest, Trial
 from common.errors import NotWritable
 
 MOST_OPEN_ROWS = 20
@@ -69,8 +69,9 @@ def _summary(evaluation: Evaluation, command: str) -> Iterator[str]:
         "Date": escape(f"{evaluation.created_at:%Y-%m-%d %H:%M} UTC"),
         "Seed": str(request.seed),
         "Mode": escape(request.mode),
-        "Camera": escape(request.camera + (", every pixel traced" if request.full_grid else "")),
+        "Camera": escape(_describe_camera(request)),
         "Action latency": f"{1e3 * request.action_latency_s:g} ms",
+        "Tracking lag": f"{1e3 * request.tracking_lag_s:g} ms",
         "Status": f"{escape(evaluation.status)}, {evaluation.trials_done} of "
         f"{evaluation.trials_total} trials ended",
     }
@@ -78,6 +79,15 @@ def _summary(evaluation: Evaluation, command: str) -> Iterator[str]:
     for name, value in facts.items():
         yield f"<div><dt>{name}</dt><dd>{value}</dd></div>"
     yield "</dl>"
+
+
+def _describe_camera(request: EvaluationRequest) -> str:
+    parts = [request.camera]
+    if request.full_grid:
+        parts.append("every pixel traced")
+    if request.randomise_camera:
+        parts.append("randomised")
+    return ", ".join(parts)
 
 
 def _results(evaluation: Evaluation) -> Iterator[str]:

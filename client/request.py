@@ -22,6 +22,7 @@ _OPTIONS = {
     "robots": "--robot",
     "policies": "--policy",
     "action_latency_s": "--action-latency-ms",
+    "tracking_lag_s": "--tracking-lag-ms",
 }
 
 
@@ -51,6 +52,8 @@ def build_request(command: Eval, *, pictures: bool) -> EvaluationRequest:
             camera=command.camera,
             full_grid=command.full_grid,
             action_latency_s=command.action_latency_ms * 1e-3,
+            tracking_lag_s=command.tracking_lag_ms * 1e-3,
+            randomise_camera=command.randomise_camera,
             pictures=pictures,
         )
     except ValidationError as error:

@@ -38,6 +38,10 @@ class EvaluationRequest(BaseModel):
     """Trace every pixel of the stereo images: slower, exact."""
     action_latency_s: Annotated[float, Ge(0), Le(1)] = 0.0
     """Lockstep: modelled time from a frame to the moment its action takes effect [s]."""
+    tracking_lag_s: Annotated[float, Ge(0), Le(1)] = 0.0
+    """Time constant with which every robot's hand lags behind its reference, on purpose [s]."""
+    randomise_camera: bool = False
+    """Vary exposure, vignette and noise of the stereo images, by the trial's seed."""
     pictures: bool = True
     """Keep pictures of each trial's key moments."""
 

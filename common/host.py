@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 from common import __version__
-from common.bus import Bus, Inbox, Received, Subscription, decode
+from common.bus import Bus, Handed, Inbox, Received, Subscription, decode
 from common.bus.bus import DescribeRequest
 from common.errors import ContractError
 from common.messages import (
@@ -157,26 +157,32 @@ class Host:
             for subscription in followed:
                 self._bus.unsubscribe(subscription)
 
-    def _accept(self, item: Received) -> Message | None:
+    def _accept(self, item: Received | Handed) -> Message | None:
         """Decode one message, or count why it is not for the reactor."""
         topic = item.topic
         if topic.scope == "cell":
             control = topic.name.startswith("episode/")
             if not control and not self.reactor.serves(owner_of(topic, item.key)):
                 return None
-        try:
-            message = decode(topic, item.encoding, item.payload)
-        except ContractError as error:
-            self._counts["rejected"] += 1
-            if (topic.name, error.code) not in self._complained:
-                self._complained.add((topic.name, error.code))
-                log.warning("message rejected", extra={"key": item.key, **error.describe()})
+        message = item.message if isinstance(item, Handed) else self._decode(item)
+        if message is None:
             return None
         if topic.scope == "cell" and not self._is_current(message):
             self._counts["stale"] += 1
             return None
         self._count_gap(topic.name, message.header)
         return message
+
+    def _decode(self, item: Received) -> Message | None:
+        topic = item.topic
+        try:
+            return decode(topic, item.encoding, item.payload)
+        except ContractError as error:
+            self._counts["rejected"] += 1
+            if (topic.name, error.code) not in self._complained:
+                self._complained.add((topic.name, error.code))
+                log.warning("message rejected", extra={"key": item.key, **error.describe()})
+            return None
 
     def _is_current(self, message: Message) -> bool:
         """Fence epochs: a new configuration opens one, everything else must belong to it."""

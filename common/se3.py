@@ -18,8 +18,13 @@ import numpy as np
 import numpy.typing as npt
 
 Array: TypeAlias = npt.NDArray[np.float64]
+Quaternion: TypeAlias = tuple[float, float, float, float]
+"""wxyz."""
 
 _SMALL_ANGLE_RAD = 1e-8
+
+_IDENTITY: Array = np.eye(4)
+_IDENTITY.flags.writeable = False
 
 
 def exp3(rotation_vector: Sequence[float] | Array) -> Array:
@@ -58,13 +63,49 @@ def log3(R: Array) -> Array:
     Returns:
         (3,) rotation vector [rad].
     """
-    w, x, y, z = quat_from_matrix(R)
+    return np.array(log_quat(quat_from_matrix(R)))
+
+
+def log_quat(quat_wxyz: Quaternion) -> tuple[float, float, float]:
+    """Rotation vector [rad] of a unit quaternion with w >= 0, no longer than pi."""
+    w, x, y, z = quat_wxyz
     norm = math.sqrt(x * x + y * y + z * z)
     scale = 2.0 / w if norm < _SMALL_ANGLE_RAD else 2.0 * math.atan2(norm, w) / norm
-    return np.array([scale * x, scale * y, scale * z])
+    return scale * x, scale * y, scale * z
 
 
-def quat_from_matrix(R: Array) -> tuple[float, float, float, float]:
+def exp_quat(rotation_vector: Sequence[float]) -> Quaternion:
+    """Unit quaternion (cos(|r| / 2), sin(|r| / 2) r / |r|) of a rotation vector r [rad]."""
+    x, y, z = rotation_vector
+    angle = math.sqrt(x * x + y * y + z * z)
+    s = 0.5 if angle < _SMALL_ANGLE_RAD else math.sin(0.5 * angle) / angle
+    return math.cos(0.5 * angle), s * x, s * y, s * z
+
+
+def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Product a b: the rotation b followed by a."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def relative_rotation(a: Quaternion, b: Quaternion) -> tuple[float, float, float]:
+    """Rotation vector from a to b in frame a: log(a^-1 b), no longer than pi [rad].
+
+    Args:
+        a: Unit quaternion.
+        b: Unit quaternion.
+    """
+    w, x, y, z = multiply((a[0], -a[1], -a[2], -a[3]), b)
+    return log_quat((w, x, y, z) if w >= 0.0 else (-w, -x, -y, -z))
+
+
+def quat_from_matrix(R: Array) -> Quaternion:
     """Unit quaternion wxyz of a rotation matrix, with w >= 0 (Shepperd's method)."""
     (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = R.tolist()
     trace = r00 + r11 + r22
@@ -100,7 +141,7 @@ def matrix_from_quat(quat_wxyz: Sequence[float] | Array) -> Array:
 
 def make_pose(R: Array, p: Sequence[float] | Array) -> Array:
     """Homogeneous matrix (4, 4) of a rotation (3, 3) and a translation (3,) [m]."""
-    T = np.eye(4)
+    T = _IDENTITY.copy()
     T[:3, :3] = R
     T[:3, 3] = p
     return T

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
@@ -12,6 +13,7 @@ from client.offline import run_in_process
 from client.progress import LineProgress
 from client.record import EvaluationRecord
 from common.api import EvaluationRequest
+from common.calibration import load_calibration
 from common.robots import list_robots, load_robot
 from common.tasks import load_task
 from common.tasks.recording import load_recording
@@ -19,8 +21,8 @@ from common.tasks.task import SceneCamera
 from examples.retarget_recorded import follow
 from examples.retarget_sheet import draw_sheet
 from services.retarget.robot_model import RobotModel
-from services.sim.camera import SceneRenderer
-from services.sim.world import World
+from services.sim.camera import SceneRenderer, StereoCamera
+from services.sim.world import TOOL_SITE, World
 
 FOLDER = Path(__file__).parent / "pictures"
 EDGE_PX = 6
@@ -29,6 +31,8 @@ WHITE, INK = (255, 255, 255), (40, 40, 40)
 LID_ROBOTS = ("abstract", "panda")
 MOMENTS = ("start", "grasp", "release")
 
+TASKS = ("lid", "cup", "ladle")
+SCENE_PX = (256, 192)
 PORTRAIT_PX = (236, 300)
 CAPTION_PX = 24
 PORTRAIT = SceneCamera(position_m=(1.62, -1.62, 1.56), target_m=(0.13, -0.08, 0.81), fovy_deg=45.0)
@@ -43,6 +47,8 @@ def main() -> None:
     FOLDER.mkdir(exist_ok=True)
     draw_lid().save(FOLDER / "lid.png", optimize=True)
     draw_robots().save(FOLDER / "robots.png", optimize=True)
+    draw_worlds(draw_scene).save(FOLDER / "worlds.png", optimize=True)
+    draw_worlds(draw_eyes).save(FOLDER / "eyes.png", optimize=True)
     recording, obstacles = load_recording("lid"), load_task("lid").obstacles
     run = follow(RobotModel(load_robot(RETARGETED)), recording, obstacles)
     sheet = draw_sheet(run, title=f"{run.model.spec.title} · {recording.task}")
@@ -53,12 +59,7 @@ def draw_lid() -> Image.Image:
     """One episode per robot: a row of scene views, and what the left eye sees in each."""
     request = EvaluationRequest(tasks=["lid"], robots=list(LID_ROBOTS), policy="expert", trials=1)
     record = run_in_process(request, progress=LineProgress(io.StringIO()), stop=threading.Event())
-    rows = [draw_row(record, robot) for robot in LID_ROBOTS]
-    width, height = rows[0].size
-    sheet = Image.new("RGB", (width, len(rows) * (height + EDGE_PX) - EDGE_PX), WHITE)
-    for number, row in enumerate(rows):
-        sheet.paste(row, (0, number * (height + EDGE_PX)))
-    return sheet
+    return stack([draw_row(record, robot) for robot in LID_ROBOTS])
 
 
 def draw_row(record: EvaluationRecord, robot: str) -> Image.Image:
@@ -73,6 +74,30 @@ def draw_row(record: EvaluationRecord, robot: str) -> Image.Image:
     return join(scenes)
 
 
+def draw_worlds(draw: Callable[[World], Image.Image]) -> Image.Image:
+    """Every task (rows) on every robot (columns), at the start."""
+    rows: list[Image.Image] = []
+    for task in TASKS:
+        worlds = [World(task=load_task(task), robot=load_robot(r), seed=0) for r in list_robots()]
+        rows.append(join([caption(draw(w), f"{task} · {w.robot.title}") for w in worlds]))
+    return stack(rows)
+
+
+def draw_scene(world: World) -> Image.Image:
+    """A world from its task's viewpoint."""
+    width, height = SCENE_PX
+    renderer = SceneRenderer(world.model, width=width, height=height, supersample=2)
+    return Image.fromarray(renderer.render(world.data, world.task.scene_camera))
+
+
+def draw_eyes(world: World) -> Image.Image:
+    """What the gripper's two eyes see, left and right, every pixel traced."""
+    calibration = load_calibration("t265")
+    camera = StereoCamera(world.model, calibration, tool_site=TOOL_SITE, full_grid=True)
+    size = (calibration.width, calibration.height)
+    return join([Image.frombytes("L", size, eye) for eye in camera.render(world.data)])
+
+
 def draw_robots() -> Image.Image:
     """Every robot at the start of the lid task, with its title below."""
     return join([draw_portrait(robot) for robot in list_robots()])
@@ -83,12 +108,27 @@ def draw_portrait(robot: str) -> Image.Image:
     world = World(task=load_task("lid"), robot=load_robot(robot), seed=0)
     width, height = PORTRAIT_PX
     renderer = SceneRenderer(world.model, width=width, height=height, supersample=2)
-    portrait = Image.new("RGB", (width, height + CAPTION_PX), WHITE)
-    portrait.paste(Image.fromarray(renderer.render(world.data, PORTRAIT)), (0, 0))
+    return caption(Image.fromarray(renderer.render(world.data, PORTRAIT)), world.robot.title)
+
+
+def caption(picture: Image.Image, text: str) -> Image.Image:
+    """A picture with a line of text below."""
+    width, height = picture.size
+    captioned = Image.new("RGB", (width, height + CAPTION_PX), WHITE)
+    captioned.paste(picture, (0, 0))
     place = (width / 2, height + CAPTION_PX / 2)
     font = ImageFont.load_default(size=14)
-    ImageDraw.Draw(portrait).text(place, world.robot.title, INK, font, anchor="mm")
-    return portrait
+    ImageDraw.Draw(captioned).text(place, text, INK, font, anchor="mm")
+    return captioned
+
+
+def stack(rows: list[Image.Image]) -> Image.Image:
+    """Pictures of one width below each other."""
+    width, height = rows[0].size
+    sheet = Image.new("RGB", (width, len(rows) * (height + EDGE_PX) - EDGE_PX), WHITE)
+    for number, row in enumerate(rows):
+        sheet.paste(row, (0, number * (height + EDGE_PX)))
+    return sheet
 
 
 def join(pictures: list[Image.Image]) -> Image.Image:

@@ -184,6 +184,8 @@ STRATEGIES: dict[type[m.Message], st.SearchStrategy[m.Message]] = {
         nodes=st.dictionaries(name, name, max_size=4),
         camera=name,
         action_latency_s=st.floats(0, 1),
+        tracking_lag_s=st.floats(0, 1),
+        randomise_camera=st.booleans(),
         node_deadline_s=st.floats(min_value=0.1, max_value=600),
         full_grid=st.booleans(),
         pictures=st.booleans(),

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from common.bus.bus import Bus, Subscription
 from common.bus.codec import decode, encode
-from common.bus.inbox import Inbox, Received
+from common.bus.inbox import Handed, Inbox, Received
+from common.bus.local import LocalBus
 from common.bus.session import BusSettings, open_session
 
 __all__ = [
     "Bus",
     "BusSettings",
+    "Handed",
     "Inbox",
+    "LocalBus",
     "Received",
     "Subscription",
     "decode",

@@ -12,10 +12,11 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
+from common.messages import Message
 from common.topics import TOPICS, Topic
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Received:
     """Bytes as they came from the bus, not decoded yet."""
 
@@ -23,6 +24,15 @@ class Received:
     key: str
     encoding: str
     payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Handed:
+    """A message of this very process, handed over as it is."""
+
+    topic: Topic
+    key: str
+    message: Message
 
 
 class Inbox:
@@ -35,7 +45,7 @@ class Inbox:
     def __init__(self) -> None:
         self.superseded = 0
         self._lock = threading.Lock()
-        self._slots: dict[str, dict[str, deque[Received]]] = {}
+        self._slots: dict[str, dict[str, deque[Received | Handed]]] = {}
         self._events: list[Any] = []
         self._signalled = False
         self._wake: queue.SimpleQueue[None] = queue.SimpleQueue()
@@ -49,15 +59,11 @@ class Inbox:
 
     def put(self, received: Received) -> None:
         """Store bytes from the bus. Safe in a Zenoh callback: the lock is held for a swap only."""
-        with self._lock:
-            by_key = self._slots[received.topic.name]
-            slot = by_key.get(received.key)
-            if slot is None:
-                slot = by_key[received.key] = deque(maxlen=received.topic.depth)
-            if len(slot) == received.topic.depth:
-                self.superseded += 1
-            slot.append(received)
-            self._signal()
+        self._store(received)
+
+    def hand(self, handed: Handed) -> None:
+        """Store a message of this process."""
+        self._store(handed)
 
     def put_event(self, event: Any) -> None:
         """Store something that must not be lost: a liveliness change, a request, a command."""
@@ -75,7 +81,7 @@ class Inbox:
         self._wake.put(None)
         return True
 
-    def drain(self) -> tuple[list[Any], list[Received]]:
+    def drain(self) -> tuple[list[Any], list[Received | Handed]]:
         """Take everything that waits: events first, then messages in the order of the table."""
         with self._lock:
             if not self._signalled:
@@ -83,13 +89,24 @@ class Inbox:
             self._signalled = False
             self._wake.get()
             events, self._events = self._events, []
-            received: list[Received] = []
+            received: list[Received | Handed] = []
             for by_key in self._slots.values():
                 if by_key:
                     for slot in by_key.values():
                         received.extend(slot)
                     by_key.clear()
         return events, received
+
+    def _store(self, item: Received | Handed) -> None:
+        with self._lock:
+            by_key = self._slots[item.topic.name]
+            slot = by_key.get(item.key)
+            if slot is None:
+                slot = by_key[item.key] = deque(maxlen=item.topic.depth)
+            if len(slot) == item.topic.depth:
+                self.superseded += 1
+            slot.append(item)
+            self._signal()
 
     def _signal(self) -> None:
         if not self._signalled:

@@ -24,6 +24,8 @@ class Problem(BaseModel):
 class EpisodeConfigure(Message):
     """Prepare this episode. Every node named in `nodes` answers with `EpisodeReady`."""
 
+    version: ClassVar[int] = 2
+
     task: Name
     robot: Name
     policy: Name
@@ -34,8 +36,12 @@ class EpisodeConfigure(Message):
     camera: Name = "t265"
     action_latency_s: Annotated[float, Ge(0), Le(1)] = 0.0
     """Lockstep: time from a frame to the moment its action takes effect."""
+    tracking_lag_s: Annotated[float, Ge(0), Le(1)] = 0.0
+    """Time constant with which the hand lags behind its reference, on purpose."""
     node_deadline_s: Annotated[float, Gt(0), Le(600)] = 1.6
     """Wall time after which a silent node aborts the episode."""
+    randomise_camera: bool = False
+    """Vary exposure, vignette and noise of the images, by the seed."""
     full_grid: bool = False
     """Trace every pixel instead of interpolating even regions."""
     pictures: bool = False

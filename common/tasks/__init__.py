@@ -8,7 +8,13 @@ from common.tasks.ladle import LadleTask
 from common.tasks.lid import LidTask
 from common.tasks.task import Obstacle, Task
 
-TASKS: dict[str, Task] = {task.name: task for task in (CupTask(), LadleTask(), LidTask())}
+_ORIGINAL_CUP = CupTask(
+    name="cup-original", title="Shelving the cup (original layout)", layout="original"
+)
+
+TASKS: dict[str, Task] = {
+    task.name: task for task in (CupTask(), _ORIGINAL_CUP, LadleTask(), LidTask())
+}
 
 
 def list_tasks() -> list[str]:

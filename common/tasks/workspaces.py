@@ -67,10 +67,7 @@ class Region:
         ranges = (self.x_m, self.y_m, self.yaw_rad)
         middle = tuple(0.5 * (least + largest) for least, largest in ranges)
         corners = itertools.product(*(dict.fromkeys(each) for each in ranges))
-        return [
-            upright(x, y, self.z_m, yaw)
-            for x, y, yaw in dict.fromkeys((middle, *corners))
-        ]
+        return [upright(x, y, self.z_m, yaw) for x, y, yaw in dict.fromkeys((middle, *corners))]
 
     def list_turns(self) -> list[HandTurn]:
         """Three pitches times three turns, the middle ones first."""

@@ -66,6 +66,8 @@ class Attempt:
             nodes=self.nodes,
             camera=request.camera,
             action_latency_s=request.action_latency_s,
+            tracking_lag_s=request.tracking_lag_s,
+            randomise_camera=request.randomise_camera,
             full_grid=request.full_grid,
             pictures=request.pictures,
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from services.retarget.braking import stopping_speed
+from services.retarget.braking import braking_distance, stopping_speed
 
 _RETURN_CAP_M_S = 0.2
 
@@ -33,3 +33,8 @@ class ApproachLimit:
         if D < 0.0:
             return -min(_RETURN_CAP_M_S, -self.gain_per_s * D)
         return min(self.gain_per_s * D, stopping_speed(D, self.acceleration_m_s2, self.dt_s))
+
+    def distance(self, speed_m_s: float) -> float:
+        """Distance [m] from which on this speed (>= 0) is allowed, the inverse of `speed`."""
+        braking = braking_distance(speed_m_s, self.acceleration_m_s2, self.dt_s)
+        return self.margin_m + max(speed_m_s / self.gain_per_s, braking)

@@ -108,7 +108,7 @@ class JointBounds:
         )
         upper = np.array([limit.upper for limit in limits]) - self._far
         lower = np.array([limit.lower for limit in limits]) + self._far
-        self._slow_beyond = np.concatenate([upper, -lower])
+        self._slow_above, self._slow_below = upper, lower
         self._lead = np.array([limit.lead for limit in limits])
 
     def compute(self, q: Array, a_prev: Array, measured: Array | None = None) -> Box:
@@ -120,7 +120,7 @@ class JointBounds:
             measured: (n,) where the joints are; without it there is no leash.
         """
         n, most = self._n, self._vmax
-        near = np.concatenate([q, -q]) > self._slow_beyond
+        near = (q > self._slow_above) | (q < self._slow_below)
         lead = None if measured is None else q - measured
         if near.any() or (lead is not None and (np.abs(lead) > self._lead).any()):
             most = self._near_a_limit(q, near, lead)
@@ -132,7 +132,7 @@ class JointBounds:
         """(2n,) `up` and negated `lo` before the acceleration limit."""
         n = self._n
         most = self._vmax.copy()
-        for i in (near[:n] | near[n:]).nonzero()[0].tolist():
+        for i in near.nonzero()[0].tolist():
             limit, position = self._limits[i], float(q[i])
             lo, up = self._near(limit, limit.upper - position, position - limit.lower)
             most[i], most[n + i] = up, -lo

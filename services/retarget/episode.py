@@ -18,6 +18,7 @@ from common.messages import (
 from common.messages.base import has_unit_quaternion
 from common.robots import RobotSpec
 from common.se3 import Array
+from services.retarget.lag import TrackingLag
 from services.retarget.reference import GripperReference, Lead
 from services.retarget.report import FrameReport, TickRecord
 from services.retarget.retargeter import Retargeter
@@ -44,6 +45,7 @@ class RetargetEpisode:
         self._spec = spec
         self._retargeter = retargeter
         self._reference: GripperReference | None = None
+        self._lag: TrackingLag | None = None
         self._actions: dict[int, PolicyAction] = {}
         self._newest_taken = -1
         self._waiting: RobotState | None = None
@@ -108,16 +110,18 @@ class RetargetEpisode:
     def _answer_state(self, state: RobotState, due: list[PolicyAction]) -> list[Message]:
         retargeter = self._retargeter
         T_world_tool = retargeter.compute_tool_pose(state.positions)
-        if self._reference is None:
+        if self._reference is None or self._lag is None:
             gains = self._spec.retarget
             lead = Lead(
                 gains.setpoint_lead_m, gains.setpoint_lead_rad, lambda: retargeter.T_world_hand
             )
             self._reference = GripperReference(T_world_tool, lead=lead)
+            self._lag = TrackingLag(T_world_tool, lag_s=self.configure.tracking_lag_s)
             retargeter.start(state.positions)
         for action in due:
             self._reference.take(action.steps)
-        reference = self._reference.advance()
+        wanted = self._reference.advance()
+        reference = self._lag.follow(wanted)
         started = time.perf_counter()
         motion = retargeter.follow(reference, state.positions)
         solve_time_s = time.perf_counter() - started
@@ -129,7 +133,7 @@ class RetargetEpisode:
             positions=motion.positions,
             velocities=motion.velocities,
         )
-        self._expected.append(reference.T_world_start)
+        self._expected.append(wanted.T_world_start)
         tick = TickRecord(self._expected[0], T_world_tool, motion, solve_time_s)
         status = self._report.add(tick, state.header)
         return [command] if status is None else [status, command]

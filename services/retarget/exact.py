@@ -59,11 +59,11 @@ class ExactSolver:
     def __init__(self, *, D: Array, rows: int) -> None:
         self._D = D
         self._rhs = np.asfortranarray(np.eye(rows, rows + 1, 1))
-        self._sides = np.zeros(len(D), dtype=np.int8)
+        self._last: tuple[Array, Box] | None = None
 
     def remember(self, a: Array, box: Box) -> None:
-        """Note which joints of a solution (n,) stand at their lower (-1) or upper (+1) bound."""
-        self._sides = (a >= box.upper - _AT_BOUND) * np.int8(1) - (a <= box.lower + _AT_BOUND)
+        """Note the solution (n,) of a tick: the next one begins where it stood at its bounds."""
+        self._last = a, box
 
     def solve_unbounded(self, J: Array, x: Array, T: Array, y: Array) -> Unbounded:
         """The first step, from lambda = 0, as if there were no bounds.
@@ -118,11 +118,15 @@ class ExactSolver:
 
     def _start_from_last(self, J: Array, JD: Array, x: Array, y: Array, box: Box) -> _Point | None:
         """The solution if the same joints are clipped as in the last tick."""
-        sides = self._sides
-        if not sides.any():
+        if self._last is None:
             return None
-        free = sides == 0
-        held = np.where(free, y, np.where(sides > 0, box.upper, box.lower))
+        a, last = self._last
+        at_lower, at_upper = a <= last.lower + _AT_BOUND, a >= last.upper - _AT_BOUND
+        # A joint without any room stands at both.
+        free = at_lower == at_upper
+        if free.all():
+            return None
+        held = np.where(free, y, np.where(at_upper, box.upper, box.lower))
         multipliers = solve_positive((JD * free) @ J.T, x - J @ held)
         return None if multipliers is None else _evaluate(multipliers, J, JD, x, y, box)
 

@@ -169,7 +169,7 @@ class Episode:
         positions = self._world.servos.positions(self._world.data)
         velocities = self._world.servos.velocities(self._world.data)
         fingers, data = self._world.fingers, self._world.data
-        self._trace.add_numbers(b"state", [*data.qpos.tolist(), *data.qvel.tolist()])
+        self._trace.add_bytes(b"state", data.qpos.tobytes() + data.qvel.tobytes())
         messages: list[Message] = []
         if self._step % FRAME_TICKS == 0:
             messages += self._look(header)

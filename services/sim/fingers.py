@@ -25,6 +25,7 @@ class Fingers:
         self._dof = np.array([int(joint.dofadr[0]) for joint in drivers])
         self._control = np.array([model.actuator(f"motor_{side}").id for side in _SIDES])
         self._goal = np.full(2, OPEN_RAD)
+        self._current_limit_a = -1.0
         self._followers = [
             (int(model.joint(f"gripper_{side}_{part}").qposadr[0]), index, sign)
             for index, side in enumerate(_SIDES)
@@ -57,11 +58,13 @@ class Fingers:
     def command(self, positions_rad: list[float], *, current_limit_a: float) -> None:
         """Take goals of left and right motor [rad], positive = open, and the current cap [A]."""
         self._goal[:] = positions_rad
-        limit = min(MOTOR_TORQUE_NM_PER_A * current_limit_a, _STALL_TORQUE_NM)
-        self._model.actuator_forcerange[self._control] = (-limit, limit)
+        if current_limit_a != self._current_limit_a:
+            self._current_limit_a = current_limit_a
+            limit = min(MOTOR_TORQUE_NM_PER_A * current_limit_a, _STALL_TORQUE_NM)
+            self._model.actuator_forcerange[self._control] = (-limit, limit)
 
     def apply(self, data: Any) -> None:
-        """Write the controls for one physics step."""
+        """Write the controls, which hold until the next command."""
         data.ctrl[self._control] = self._goal
 
     def positions_rad(self, data: Any) -> list[float]:

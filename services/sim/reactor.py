@@ -43,7 +43,7 @@ class SimReactor(Reactor):
 
     kind = "sim"
     inputs = (EpisodeConfigure, EpisodeStart, EpisodeAbort, *_ANSWERS)
-    packages = ("mujoco-core", "numpy")
+    packages = ("mujoco-core", "numba", "numpy")
 
     def __init__(self, *, node: str) -> None:
         self.node = node

@@ -18,7 +18,15 @@ from common.clock import TICK_S
 from common.errors import InvalidValue, WrongShape
 from common.messages.base import has_unit_quaternion
 from common.robots import HandServo, RobotSpec
-from common.se3 import Array, exp3, log3, matrix_from_quat, quat_from_matrix
+from common.se3 import (
+    Array,
+    Quaternion,
+    exp_quat,
+    matrix_from_quat,
+    multiply,
+    quat_from_matrix,
+    relative_rotation,
+)
 
 
 class Servos(Protocol):
@@ -41,12 +49,12 @@ class Servos(Protocol):
         """Take the last set-point once more, at rest."""
         ...
 
-    def apply(self, data: Any, fraction: float) -> None:
-        """Write the controls for the physics step that ends at this fraction of the tick."""
+    def start_tick(self, steps: int) -> None:
+        """Lay out the way to the set-point over a tick's physics steps; the next starts there."""
         ...
 
-    def finish_tick(self) -> None:
-        """The set-point of this tick becomes the start of the next."""
+    def apply(self, data: Any, step: int) -> None:
+        """Write the controls for a physics step of the tick, counted from 0."""
         ...
 
     def positions(self, data: Any) -> list[float]:
@@ -73,7 +81,8 @@ class JointServos:
         joints = [model.joint(f"robot_{joint.name}") for joint in robot.joints]
         self._qpos = np.array([int(joint.qposadr[0]) for joint in joints])
         self._dof = np.array([int(joint.dofadr[0]) for joint in joints])
-        self._control = np.array([model.actuator(f"servo_{j.name}").id for j in robot.joints])
+        controls = [model.actuator(f"servo_{joint.name}").id for joint in robot.joints]
+        self._control = _consecutive(controls)
         self._lead_s = np.array([joint.kd / joint.kp for joint in robot.joints])
         self._rest = np.zeros(len(joints))
         self._latency_ticks = round(robot.command_latency_s / TICK_S)
@@ -100,14 +109,16 @@ class JointServos:
         """Take the last set-point once more, at rest; what is under way still has its effect."""
         self._send(self._under_way[-1][0], self._rest)
 
-    def apply(self, data: Any, fraction: float) -> None:
+    def start_tick(self, steps: int) -> None:
         """Interpolate the set-point linearly over the tick."""
+        fraction = np.arange(1, steps + 1)[:, None] / steps
         q_des = self._from + fraction * (self._to - self._from)
-        data.ctrl[self._control] = q_des + self._lead_s * self._velocity
-
-    def finish_tick(self) -> None:
-        """Start the next tick from here."""
+        self._controls = q_des + self._lead_s * self._velocity
         self._from = self._to
+
+    def apply(self, data: Any, step: int) -> None:
+        """Write the controls of one physics step."""
+        data.ctrl[self._control] = self._controls[step]
 
     def _send(self, positions: Array, velocities: Array) -> None:
         self._under_way.append((positions, velocities))
@@ -120,6 +131,7 @@ class JointServos:
         self._under_way = deque([stay] * (self._latency_ticks + 1))
         self._from = self._start
         self._to, self._velocity = self._under_way[0]
+        self._controls = self._start[None]
 
     def positions(self, data: Any) -> list[float]:
         """Joint positions [rad]."""
@@ -150,16 +162,16 @@ class HandServos:
         self._slide_dof = np.array([int(joint.dofadr[0]) for joint in slides])
         self._ball_qpos = slice(int(ball.qposadr[0]), int(ball.qposadr[0]) + 4)
         self._ball_dof = slice(int(ball.dofadr[0]), int(ball.dofadr[0]) + 3)
-        self._slide_control = np.array([model.actuator(f"servo_{n}").id for n in self._SLIDES])
-        self._ball_control = np.array([model.actuator(f"servo_turn_{a}").id for a in "xyz"])
+        self._slide_control = _consecutive(
+            [model.actuator(f"servo_{name}").id for name in self._SLIDES]
+        )
+        self._ball_control = _consecutive([model.actuator(f"servo_turn_{a}").id for a in "xyz"])
         self._lead_s = self._servo.kd_n_s_per_m / self._servo.kp_n_per_m
-        self._from_p = self._start[:3].copy()
-        self._to_p = self._start[:3].copy()
-        self._from_R = matrix_from_quat(self._start[3:])
-        self._to_R = self._from_R
-        self._turn = np.zeros(3)
-        self._v = np.zeros(3)
-        self._w = np.zeros(3)
+        self._from_p = self._to_p = self._start[:3]
+        self._from_quat = self._to_quat = _normalized(self._start[3:].tolist())
+        self._slides = self._start[None, :3]
+        self._quats = [self._from_quat]
+        self.hold()
 
     @staticmethod
     def add_actuators(spec: Any, hand: HandServo) -> None:
@@ -184,8 +196,8 @@ class HandServos:
         """Put the hand at its start pose."""
         data.qpos[self._slide_qpos] = self._start[:3]
         data.qpos[self._ball_qpos] = self._start[3:]
-        self._from_p[:] = self._to_p[:] = self._start[:3]
-        self._from_R = self._to_R = matrix_from_quat(self._start[3:])
+        self._from_p = self._to_p = self._start[:3]
+        self._from_quat = self._to_quat = _normalized(self._start[3:].tolist())
         self.hold()
 
     def command(self, positions: list[float], velocities: list[float]) -> None:
@@ -194,32 +206,37 @@ class HandServos:
         _check("velocities", 6, velocities)
         if not has_unit_quaternion(positions):
             raise InvalidValue("RobotCommand quaternion", positions[3:], "length 1")
-        self._to_p[:] = positions[:3]
-        self._to_R = matrix_from_quat(positions[3:])
-        self._turn = log3(self._from_R.T @ self._to_R)
-        self._v[:] = velocities[:3]
-        self._w[:] = velocities[3:]
+        self._to_p = np.array(positions[:3])
+        self._to_quat = _normalized(positions[3:])
+        self._v = np.array(velocities[:3])
+        self._w = velocities[3:]
 
     def hold(self) -> None:
         """Stay at the last set-point."""
-        self._v[:] = 0.0
-        self._w[:] = 0.0
+        self._v = np.zeros(3)
+        self._w = [0.0, 0.0, 0.0]
 
-    def apply(self, data: Any, fraction: float) -> None:
+    def start_tick(self, steps: int) -> None:
         """Interpolate position linearly and rotation along one axis over the tick."""
-        p_des = self._from_p + fraction * (self._to_p - self._from_p)
-        data.ctrl[self._slide_control] = p_des + self._lead_s * self._v
-        R_des = self._from_R @ exp3(fraction * self._turn)
-        R = matrix_from_quat(data.qpos[self._ball_qpos])
-        data.ctrl[self._ball_control] = self._servo.kp_nm_per_rad * log3(
-            R.T @ R_des
-        ) + self._servo.kd_nm_s_per_rad * (self._w - data.qvel[self._ball_dof])
+        x, y, z = relative_rotation(self._from_quat, self._to_quat)
+        fractions = [step / steps for step in range(1, steps + 1)]
+        p_des = self._from_p + np.array(fractions)[:, None] * (self._to_p - self._from_p)
+        self._slides = p_des + self._lead_s * self._v
+        self._quats = [
+            multiply(self._from_quat, exp_quat((f * x, f * y, f * z))) for f in fractions
+        ]
+        self._from_p, self._from_quat = self._to_p, self._to_quat
 
-    def finish_tick(self) -> None:
-        """Start the next tick from here."""
-        self._from_p[:] = self._to_p
-        self._from_R = self._to_R
-        self._turn = np.zeros(3)
+    def apply(self, data: Any, step: int) -> None:
+        """Write the controls of one physics step."""
+        data.ctrl[self._slide_control] = self._slides[step]
+        kp, kd = self._servo.kp_nm_per_rad, self._servo.kd_nm_s_per_rad
+        quat: Quaternion = tuple(data.qpos[self._ball_qpos].tolist())
+        error_rad = relative_rotation(quat, self._quats[step])
+        w = data.qvel[self._ball_dof].tolist()
+        data.ctrl[self._ball_control] = [
+            kp * e + kd * (w_des - w) for e, w_des, w in zip(error_rad, self._w, w, strict=True)
+        ]
 
     def positions(self, data: Any) -> list[float]:
         """Measured pose `[x, y, z, qw, qx, qy, qz]`, the quaternion with qw >= 0."""
@@ -253,3 +270,17 @@ def _check(what: str, expected: int, values: list[float]) -> None:
         raise WrongShape(what, expected, len(values))
     if not all(map(math.isfinite, values)):
         raise InvalidValue(what, values, "finite numbers")
+
+
+def _consecutive(indices: list[int]) -> slice:
+    """Indices of things that were added one after the other: a slice is written to much faster."""
+    first = indices[0]
+    if indices != list(range(first, first + len(indices))):
+        raise AssertionError(f"not one after the other: {indices}")
+    return slice(first, first + len(indices))
+
+
+def _normalized(quat_wxyz: list[float]) -> Quaternion:
+    w, x, y, z = quat_wxyz
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    return w / norm, x / norm, y / norm, z / norm

@@ -52,9 +52,9 @@ def test_set_points_between_ticks_are_delayed_as_well():
         halves.append([])
         for tick in range(10):
             world.servos.command(*wiggle(tick))
-            world.servos.apply(world.data, 0.5)
+            world.servos.start_tick(2)
+            world.servos.apply(world.data, 0)
             halves[-1].append(world.data.ctrl[: len(START)].copy())
-            world.servos.finish_tick()
     assert np.array_equal(halves[1][TICKS:], halves[0][:-TICKS])
 
 
