@@ -29,7 +29,7 @@ from common.messages import (
 from common.se3 import pose_to_wire
 from common.tasks.task import Judgement, SuccessMonitor
 from services.sim.album import Album
-from services.sim.camera import StereoCamera
+from services.sim.camera import Sensor, StereoCamera
 from services.sim.measurements import Ending, Measurements
 from services.sim.trace import Trace
 from services.sim.world import World
@@ -56,6 +56,7 @@ class Episode:
         world: Built for this episode.
         camera: The gripper's stereo camera in that world.
         calibration: What the camera was built from.
+        sensor: Changes the pictures as a real one does; without it they stay clean.
     """
 
     def __init__(
@@ -64,12 +65,14 @@ class Episode:
         world: World,
         camera: StereoCamera,
         calibration: StereoCalibration,
+        sensor: Sensor | None = None,
     ) -> None:
         self.configure = configure
         self._album = Album(world)
         self._world = world
         self._camera = camera
         self._calibration = calibration
+        self._sensor = sensor
         self._latency_ticks = math.ceil(configure.action_latency_s / TICK_S - 1e-9)
         self._barrier = LockstepBarrier(resend_s=RESEND_S, deadline_s=configure.node_deadline_s)
         self._pacer = RealtimePacer(period_s=TICK_S)
@@ -199,6 +202,8 @@ class Episode:
             self._measured.missed_frames += 1
         with self._measured.camera():
             left, right = self._camera.render(self._world.data)
+            if self._sensor is not None:
+                left, right = self._sensor.expose(left, right, step=self._step)
         self._trace.add_bytes(b"left", left)
         self._trace.add_bytes(b"right", right)
         self._frame = StereoFrame(

@@ -23,7 +23,7 @@ from common.messages import (
 from common.robots import list_robots, load_robot
 from common.service import AnyMessage, Reactor
 from common.tasks import list_tasks, load_task
-from services.sim.camera import StereoCamera
+from services.sim.camera import RANDOMISED, Sensor, StereoCamera
 from services.sim.episode import Episode
 from services.sim.world import TOOL_SITE, World
 
@@ -119,7 +119,10 @@ class SimReactor(Reactor):
                 tool_site=TOOL_SITE,
                 full_grid=configure.full_grid,
             )
-            self._episode = Episode(configure, world, camera, calibration)
+            sensor = None
+            if configure.randomise_camera:
+                sensor = Sensor(calibration, RANDOMISED, seed=configure.seed)
+            self._episode = Episode(configure, world, camera, calibration, sensor)
         except LegatoError as error:
             problem = Problem(**error.describe())
         return EpisodeReady(

@@ -313,3 +313,15 @@ def test_in_real_time_the_clock_runs_and_stale_commands_hold():
     # The command is followed while it is young; when it is old, its set-point is held.
     assert len(positions) == 39
     assert positions[-1] == pytest.approx(0.9, abs=2e-3)
+
+
+def first_frame(**changes: object) -> StereoFrame:
+    _, messages = started(**changes)
+    return next(message for message in messages if isinstance(message, StereoFrame))
+
+
+def test_a_randomised_camera_changes_the_pictures_by_the_seed_alone():
+    clean, changed = first_frame(), first_frame(randomise_camera=True)
+    assert changed.left != clean.left
+    assert changed.right != clean.right
+    assert first_frame(randomise_camera=True).left == changed.left

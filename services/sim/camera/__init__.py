@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
+from services.sim.camera.noise import RANDOMISED, CameraNoise, Sensor
 from services.sim.camera.scene import SceneRenderer
 from services.sim.camera.stereo import StereoCamera
 from services.sim.camera.tracer import Hits, Tracer
 
-__all__ = ["Hits", "SceneRenderer", "StereoCamera", "Tracer"]
+__all__ = [
+    "RANDOMISED",
+    "CameraNoise",
+    "Hits",
+    "SceneRenderer",
+    "Sensor",
+    "StereoCamera",
+    "Tracer",
+]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import mujoco
 import numpy as np
 import numpy.typing as npt
@@ -11,27 +9,22 @@ import numpy.typing as npt
 from common.errors import InvalidValue
 from common.se3 import Array
 from common.tasks.task import SceneCamera
-from services.sim.camera.bundles import Indices, order_by_tile
-from services.sim.camera.lighting import sky, to_display
-from services.sim.camera.look import Look, Optics
-
-TILE_PX = 32
-
-_CHUNK = 1 << 15
-"""Rays that are traced and lit together: few enough to stay in the processor's cache."""
+from services.sim.camera.desk import PATTERN_TONE, PLAIN_LIGHT, Desk, make_desk
+from services.sim.camera.kernel import render_pictures
+from services.sim.camera.lens import MOST_RAYS, build_pinhole, freeze
+from services.sim.camera.shading import bytes_of_intensities
+from services.sim.camera.shapes import Mask
+from services.sim.camera.tables import make_scene
 
 _EDGE_STEP = 0.04
 """Neighbouring pixels that differ by more than this (0 to 1, any colour) are smoothed."""
-
-_SKY_RGB = np.array([0.93, 0.98, 1.06])
-_SKY_RGB.flags.writeable = False
 
 
 class SceneRenderer:
     """Renders colour pictures of one size, with shadows.
 
     Args:
-        model: The model that is looked at; its sizes and colours are read now.
+        model: The model that is looked at; its sizes, colours and names are read now.
         width: Of the picture [px].
         height: Of the picture [px].
         supersample: Rays per pixel along each edge; their mean is shown where a pixel differs from
@@ -39,6 +32,7 @@ class SceneRenderer:
 
     Raises:
         InvalidValue: A size that is not positive.
+        UnsupportedGeom: A visible geom is of a kind that cannot be drawn.
     """
 
     def __init__(
@@ -47,16 +41,11 @@ class SceneRenderer:
         for field, value in (("width", width), ("height", height), ("supersample", supersample)):
             if value < 1:
                 raise InvalidValue(field, value, "at least 1")
-        self._model = model
         self._shape = (height, width)
         self._supersample = supersample
-        self._fovy_deg = math.nan
-        self._optics: Optics | None = None
-        rows, columns = np.divmod(np.arange(height * width * supersample**2), width * supersample)
-        self._order, self._tile = order_by_tile(columns, rows, tile_px=TILE_PX)
-        self._columns, self._rows = columns[self._order], rows[self._order]
-        self._pixel = (self._rows // supersample) * width + self._columns // supersample
-        self._is_first = (self._rows % supersample == 0) & (self._columns % supersample == 0)
+        self._scene = make_scene(model, most=MOST_RAYS)
+        surfaces = self._scene.surfaces
+        self._rgb = np.stack([surfaces["red"], surfaces["green"], surfaces["blue"]], axis=1)
 
     def render(self, data: mujoco.MjData, camera: SceneCamera) -> npt.NDArray[np.uint8]:
         """Render what a camera sees.
@@ -71,45 +60,44 @@ class SceneRenderer:
         Raises:
             InvalidValue: The camera stands on its target.
         """
-        optics = self._optics_for(camera.fovy_deg)
-        look = Look(
-            optics,
-            data,
-            R_world_camera=_look_at(camera),
-            p_world_eyes=np.array([camera.position_m]),
-        )
         height, width = self._shape
-        picture = np.zeros((height * width, 3))
-        first = np.flatnonzero(self._is_first)
-        picture[self._pixel[first]] = _colors(optics, look, first)
-        uneven = _uneven(picture.reshape(height, width, 3)).ravel()
-        rest = np.flatnonzero(uneven[self._pixel] & ~self._is_first)
-        np.add.at(picture, self._pixel[rest], _colors(optics, look, rest))
-        picture[uneven] *= 1.0 / self._supersample**2
-        return to_display(picture.reshape(height, width, 3))
+        step = self._supersample
+        first = np.zeros((step * height, step * width), dtype=np.bool_)
+        first[::step, ::step] = True
+        picture = self._trace(data, camera, first)[::step, ::step]
+        uneven = _uneven(picture)
+        rest = uneven.repeat(step, axis=0).repeat(step, axis=1) & ~first
+        if rest.any():
+            samples = self._trace(data, camera, rest)
+            others = samples.reshape(height, step, width, step, 3).sum(axis=(1, 3))
+            picture[uneven] = (picture[uneven] + others[uneven]) * (1.0 / step**2)
+        return bytes_of_intensities(picture)
 
-    def _optics_for(self, fovy_deg: float) -> Optics:
-        if self._optics is None or fovy_deg != self._fovy_deg:
-            self._optics = self._build_optics(fovy_deg)
-            self._fovy_deg = fovy_deg
-        return self._optics
-
-    def _build_optics(self, fovy_deg: float) -> Optics:
-        height, width = (self._supersample * size for size in self._shape)
-        focal = 0.5 * height / math.tan(math.radians(fovy_deg) / 2.0)
-        x = self._columns + (0.5 - 0.5 * width)
-        y = self._rows + (0.5 - 0.5 * height)
-        length = np.sqrt(x * x + y * y + focal * focal)
-        return Optics(
-            self._model,
-            directions=np.stack([x / length, y / length, focal / length], axis=1),
-            tile=self._tile,
-            ray_angle_rad=1.0 / focal,
-            shadows=True,
+    def _trace(self, data: mujoco.MjData, camera: SceneCamera, chosen: Mask) -> Array:
+        """(rows, columns, 3) intensities from 0 to 1 of the chosen rays, 0 elsewhere."""
+        rows, columns = chosen.shape
+        lens = build_pinhole(columns, rows, camera.fovy_deg)
+        lens = lens._replace(inside=freeze(chosen.astype(np.uint8)))
+        desk: Desk = make_desk(lens, self._scene, eyes=1, full_grid=True)
+        render_pictures(
+            lens,
+            self._scene,
+            desk,
+            data.geom_xpos,
+            data.geom_xmat,
+            _look_at(camera),
+            np.array([camera.position_m]),
+            True,
+            True,
         )
+        brightness = desk.light[PLAIN_LIGHT, chosen] * desk.light[PATTERN_TONE, chosen]
+        picture = np.zeros((rows, columns, 3))
+        colors = self._rgb[desk.surface[chosen]]
+        picture[chosen] = np.clip(colors * brightness[:, None], 0.0, 1.0)
+        return picture
 
 
-def _uneven(picture: Array) -> npt.NDArray[np.bool_]:
+def _uneven(picture: Array) -> Mask:
     """(height, width) pixels that differ from a neighbour: more than one ray is worth its cost."""
     uneven = np.zeros(picture.shape[:2], dtype=np.bool_)
     across = np.abs(np.diff(picture, axis=1)).max(axis=2) > _EDGE_STEP
@@ -119,21 +107,6 @@ def _uneven(picture: Array) -> npt.NDArray[np.bool_]:
     uneven[1:] |= down
     uneven[:-1] |= down
     return uneven
-
-
-def _colors(optics: Optics, look: Look, rays: Indices) -> Array:
-    """(k, 3) intensities of red, green and blue, from 0 to 1, that some rays see."""
-    chunks = [rays[start : start + _CHUNK] for start in range(0, len(rays), _CHUNK)]
-    return np.concatenate([np.empty((0, 3)), *(_color_chunk(optics, look, c) for c in chunks)])
-
-
-def _color_chunk(optics: Optics, look: Look, rays: Indices) -> Array:
-    samples = look.sample(optics.select(np.zeros_like(rays), rays, eyes=1))
-    surface, lit = samples.lit.surface, samples.lit
-    brightness = np.where(surface < 0, sky(samples.ray_z), lit.factor * lit.tone)
-    colors = optics.surfaces.rgb[surface]
-    colors[surface < 0] = _SKY_RGB
-    return np.clip(colors * brightness[:, None], 0.0, 1.0)
 
 
 def _look_at(camera: SceneCamera) -> Array:

@@ -1,12 +1,8 @@
-"""First hits of rays with the geoms of a MuJoCo model, by `mujoco.mj_multiRay`.
-
-Geoms of groups 4 and 5 and geoms with alpha 0 do not exist for rays. No OpenGL takes part, and each
-ray's result depends on that ray alone.
-"""
+"""First hits of single rays, with distance and normal: for tests and measurements."""
 
 from __future__ import annotations
 
-import copy
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -14,12 +10,20 @@ import numpy as np
 import numpy.typing as npt
 
 from common.se3 import Array
-from services.sim.camera.bundles import Indices
-from services.sim.camera.culling import Mask, drawable_geoms
-
-_NO_CUTOFF_M = 1e10
-_SEEN, _UNSEEN = 0, 1
-_GROUPS = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
+from services.sim.camera.compiled import digest_sources, entry
+from services.sim.camera.rays import (
+    DISTANCE,
+    SHAPE_MET,
+    X,
+    Y,
+    Z,
+    make_marks,
+    make_rays,
+    trace,
+)
+from services.sim.camera.shading import LENGTH_M, world_normal
+from services.sim.camera.shapes import Integers, Table, collect_shapes, place
+from services.sim.camera.views import EYE, SIGHT, VIEWS, look_from
 
 
 @dataclass(frozen=True)
@@ -38,18 +42,15 @@ class Hits:
 
 
 class Tracer:
-    """Traces rays through one model.
+    """Traces rays through the drawable geoms of one model, as they are when it is made.
 
-    It works on a private copy of the model, in which the geom groups say what the current bundle
-    may meet. Positions are read from `MjData`; changes of sizes and colours made to the original
-    model later are not seen.
+    Raises:
+        UnsupportedGeom: A visible geom is of a kind without a formula.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        self._model = copy.copy(model)
-        # Bundles know their geoms; MuJoCo's own bounding tests per body would only add to that.
-        self._model.body_bvhadr[:] = -1
-        self._drawable = drawable_geoms(model)
+        self._shapes = collect_shapes(model)
+        self._views = np.zeros((VIEWS, len(self._shapes)), dtype=SIGHT)
 
     def trace(self, data: mujoco.MjData, origin: Array, directions: Array) -> Hits:
         """Trace rays from one point against every drawable geom.
@@ -59,53 +60,63 @@ class Tracer:
             origin: (3,) in the world [m].
             directions: (n, 3) in the world, any length but zero.
         """
-        return self.trace_bundles(
-            data,
-            origins=np.reshape(origin, (1, 3)),
-            directions=directions,
-            starts=np.array([0, len(directions)]),
-            candidates=self._drawable[None, :],
+        count = len(directions)
+        length = np.sqrt((directions * directions).sum(axis=1))
+        rays, marks, normal = make_rays(count), make_marks(count), np.zeros((count, 3))
+        rays[EYE, [X, Y, Z]] = (directions / length[:, None]).T
+        rays[EYE, DISTANCE] = LENGTH_M
+        candidates = np.zeros((1, 1 + len(self._shapes)), dtype=np.int64)
+        trace_rays(
+            self._shapes,
+            self._views,
+            data.geom_xpos,
+            data.geom_xmat,
+            np.array(origin, dtype=np.float64),
+            rays,
+            marks,
+            candidates,
+            normal,
         )
+        met = marks[EYE, SHAPE_MET]
+        geom = np.where(met >= 0, np.append(self._shapes["geom"], -1)[met], -1).astype(np.int32)
+        distance = np.where(met >= 0, rays[EYE, DISTANCE] / length, -1.0)
+        return Hits(geom, distance, normal)
 
-    def trace_bundles(
-        self,
-        data: mujoco.MjData,
-        *,
-        origins: Array,
-        directions: Array,
-        starts: Indices,
-        candidates: Mask,
-    ) -> Hits:
-        """Trace bundles of rays, each against its own candidates.
 
-        Args:
-            data: Kinematics are up to date.
-            origins: (bundles, 3) in the world [m].
-            directions: (n, 3) in the world, bundle after bundle.
-            starts: (bundles + 1,) where each bundle starts, and n.
-            candidates: (bundles, ngeom) what each bundle may meet.
-        """
-        n = len(directions)
-        geom = np.full(n, -1, dtype=np.int32)
-        distance, normal = np.full(n, -1.0), np.zeros(3 * n)
-        vectors = np.ascontiguousarray(directions, dtype=np.float64).reshape(-1)
-        groups = np.where(candidates, _SEEN, _UNSEEN).astype(np.int32)
-        group_in_force, edges = self._model.geom_group, starts.tolist()
-        for bundle in np.flatnonzero(candidates.any(axis=1) & (starts[1:] > starts[:-1])).tolist():
-            a, b = edges[bundle], edges[bundle + 1]
-            group_in_force[:] = groups[bundle]
-            mujoco.mj_multiRay(
-                self._model,
-                data,
-                origins[bundle],
-                vectors[3 * a : 3 * b],
-                _GROUPS,
-                True,
-                -1,
-                geom[a:b],
-                distance[a:b],
-                normal[3 * a : 3 * b],
-                b - a,
-                _NO_CUTOFF_M,
-            )
-        return Hits(geom, distance, normal.reshape(-1, 3))
+def _build(
+    version: int,
+) -> Callable[[Table, Table, Array, Array, Array, Array, Integers, Integers, Array], int]:
+    @entry
+    def trace_rays(
+        shapes: Table,
+        views: Table,
+        geom_xpos: Array,
+        geom_xmat: Array,
+        origin: Array,
+        rays: Array,
+        marks: Integers,
+        candidates: Integers,
+        normal: Array,
+    ) -> int:
+        """Trace all rays of the eye's bundle from `origin` (3,) and fill their normals (n, 3)."""
+        count = len(normal)
+        place(shapes, geom_xpos, geom_xmat)
+        look_from(origin[0], origin[1], origin[2], shapes, views, EYE)
+        candidates[0, 0] = len(shapes)
+        for shape in range(len(shapes)):
+            candidates[0, 1 + shape] = views[EYE, shape].order
+        trace(rays, marks, EYE, count, shapes, views, candidates, 0)
+        for k in range(count):
+            met = marks[EYE, SHAPE_MET, k]
+            if met >= 0:
+                x, y, z = rays[EYE, X, k], rays[EYE, Y, k], rays[EYE, Z, k]
+                t = rays[EYE, DISTANCE, k]
+                normal[k, 0], normal[k, 1], normal[k, 2] = world_normal(
+                    x, y, z, shapes[met], views[EYE, met], t
+                )
+        return version
+
+    return trace_rays
+
+
+trace_rays = _build(digest_sources())
