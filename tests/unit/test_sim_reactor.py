@@ -315,9 +315,9 @@ def test_in_real_time_the_clock_runs_and_stale_commands_hold():
     assert positions[-1] == pytest.approx(0.9, abs=2e-3)
 
 
-def first_frame(**changes: object) -> StereoFrame:
+def first_frame(**changes: object) -> m.StereoFrame:
     _, messages = started(**changes)
-    return next(message for message in messages if isinstance(message, StereoFrame))
+    return of(m.StereoFrame, messages)[0]
 
 
 def test_a_randomised_camera_changes_the_pictures_by_the_seed_alone():
