@@ -1,6 +1,7 @@
 # Every common action has a name here. No system package is needed, only Python >= 3.11.
 PY ?= python3
 BIN := .venv/bin
+RUNS := .venv/.runs
 STAMP := .venv/.installed
 
 .PHONY: run test test-long check format bench bench-retarget bench-robosuite clean help
@@ -9,13 +10,18 @@ STAMP := .venv/.installed
 help:   ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
 
-$(STAMP): pyproject.toml constraints.txt
+$(RUNS): pyproject.toml constraints.txt
 	$(PY) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python >= 3.11 is needed, this is " + sys.version)'
 	$(PY) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all]'
+	@touch $@
+
+# What only development needs; PyTorch is the largest part.
+$(STAMP): $(RUNS)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 
-run: $(STAMP)   ## set up, evaluate the lid task on two robots, write a report
+run: $(RUNS)   ## set up, evaluate the lid task on two robots, write a report
 	@$(BIN)/legato demo
 
 test: $(STAMP)  ## all tests
