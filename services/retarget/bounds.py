@@ -47,7 +47,7 @@ class Box(NamedTuple):
 
     def contains(self, a: Array) -> bool:
         """Whether all velocities (n,) are within."""
-        return not ((a < self.lower) | (a > self.upper)).any()
+        return np.count_nonzero((a < self.lower) | (a > self.upper)) == 0
 
     def clip(self, a: Array) -> Array:
         """The velocities (n,) of the box nearest to given ones."""
@@ -122,7 +122,10 @@ class JointBounds:
         n, most = self._n, self._vmax
         near = (q > self._slow_above) | (q < self._slow_below)
         lead = None if measured is None else q - measured
-        if near.any() or (lead is not None and (np.abs(lead) > self._lead).any()):
+        # Counting is several times faster than `any`.
+        if np.count_nonzero(near) or (
+            lead is not None and np.count_nonzero(np.abs(lead) > self._lead)
+        ):
             most = self._near_a_limit(q, near, lead)
         last = np.concatenate([a_prev, -a_prev])
         sides = np.minimum(np.maximum(most, last - self._change), last + self._change)

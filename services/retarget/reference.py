@@ -101,7 +101,7 @@ class WaypointInterpolator:
     def __init__(self, T_world_start: Array) -> None:
         self._T_now = self._T_from = self._T_to = T_world_start.copy()
         self._d = np.zeros(3)
-        self._w = np.zeros(3)
+        self._R_step = np.eye(3)
         self._twist = np.zeros(6)
         self._ticks = FRAME_TICKS
 
@@ -124,9 +124,10 @@ class WaypointInterpolator:
         if not np.isfinite(T_world_waypoint).all():
             raise InvalidValue("waypoint", T_world_waypoint.tolist(), "finite numbers")
         self._T_from, self._T_to = self._T_now, T_world_waypoint.copy()
-        self._w = log3(self._T_to[:3, :3] @ self._T_from[:3, :3].T)
+        w = log3(self._T_to[:3, :3] @ self._T_from[:3, :3].T)
+        self._R_step = exp3(w / FRAME_TICKS)
         self._d = self._T_to[:3, 3] - self._T_from[:3, 3]
-        self._twist = np.concatenate([self._d, self._w]) / (FRAME_TICKS * TICK_S)
+        self._twist = np.concatenate([self._d, w]) / (FRAME_TICKS * TICK_S)
         self._ticks = 0
 
     def advance(self) -> TickReference:
@@ -135,13 +136,14 @@ class WaypointInterpolator:
         if self.arrived:
             return TickReference(T_start, T_start, np.zeros(6))
         self._ticks += 1
-        self._T_now = self._T_to if self.arrived else self._between(self._ticks / FRAME_TICKS)
+        self._T_now = self._T_to if self.arrived else self._next(self._ticks / FRAME_TICKS)
         return TickReference(T_start, self._T_now, self._twist)
 
-    def _between(self, tau: float) -> Array:
+    def _next(self, tau: float) -> Array:
+        """One tenth of the turn after the pose of the last tick."""
         T = self._T_from.copy()
         T[:3, 3] += tau * self._d
-        T[:3, :3] = exp3((tau * self._w).tolist()) @ T[:3, :3]
+        T[:3, :3] = self._R_step @ self._T_now[:3, :3]
         return T
 
 

@@ -200,10 +200,11 @@ class Episode:
     def _look(self, header: Header) -> list[Message]:
         if self.realtime and self._step > 0 and not self._actions:
             self._measured.missed_frames += 1
-        with self._measured.camera():
-            left, right = self._camera.render(self._world.data)
-            if self._sensor is not None:
-                left, right = self._sensor.expose(left, right, step=self._step)
+        began_s = time.perf_counter()
+        left, right = self._camera.render(self._world.data)
+        if self._sensor is not None:
+            left, right = self._sensor.expose(left, right, step=self._step)
+        self._measured.camera_s += time.perf_counter() - began_s
         self._trace.add_bytes(b"left", left)
         self._trace.add_bytes(b"right", right)
         self._frame = StereoFrame(
@@ -263,11 +264,12 @@ class Episode:
         return []
 
     def _advance(self) -> list[Message]:
+        began_s = time.perf_counter()
         try:
-            with self._measured.physics():
-                self._world.advance(TICK_S)
+            self._world.advance(TICK_S)
         except ModelError as error:
             return self._abort("sim", error)
+        self._measured.physics_s += time.perf_counter() - began_s
         self._step += 1
         if self._moment is not None and self._step >= self._moment[0]:
             self._album.remember(self._moment[1], self._frame)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Generator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from common.clock import TICK_S
@@ -57,20 +54,6 @@ class Measurements:
     def add_action(self, action: PolicyAction) -> None:
         """Take one report of the policy."""
         self.inference_s.append(action.inference_s)
-
-    @contextmanager
-    def physics(self) -> Generator[None]:
-        """Count the time of a block as physics."""
-        started = time.perf_counter()
-        yield
-        self.physics_s += time.perf_counter() - started
-
-    @contextmanager
-    def camera(self) -> Generator[None]:
-        """Count the time of a block as camera."""
-        started = time.perf_counter()
-        yield
-        self.camera_s += time.perf_counter() - started
 
     def stages(self, wall_time_s: float) -> StageTimes:
         """Where the wall time went."""

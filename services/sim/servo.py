@@ -7,6 +7,7 @@ above.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import deque
 from typing import Any, Protocol
@@ -111,9 +112,8 @@ class JointServos:
 
     def start_tick(self, steps: int) -> None:
         """Interpolate the set-point linearly over the tick."""
-        fraction = np.arange(1, steps + 1)[:, None] / steps
-        q_des = self._from + fraction * (self._to - self._from)
-        self._controls = q_des + self._lead_s * self._velocity
+        lead = self._lead_s * self._velocity
+        self._controls = _fractions(steps) * (self._to - self._from) + (self._from + lead)
         self._from = self._to
 
     def apply(self, data: Any, step: int) -> None:
@@ -219,11 +219,12 @@ class HandServos:
     def start_tick(self, steps: int) -> None:
         """Interpolate position linearly and rotation along one axis over the tick."""
         x, y, z = relative_rotation(self._from_quat, self._to_quat)
-        fractions = [step / steps for step in range(1, steps + 1)]
-        p_des = self._from_p + np.array(fractions)[:, None] * (self._to_p - self._from_p)
-        self._slides = p_des + self._lead_s * self._v
+        fractions = _fractions(steps)
+        lead = self._lead_s * self._v
+        self._slides = fractions * (self._to_p - self._from_p) + (self._from_p + lead)
         self._quats = [
-            multiply(self._from_quat, exp_quat((f * x, f * y, f * z))) for f in fractions
+            multiply(self._from_quat, exp_quat((f * x, f * y, f * z)))
+            for f in fractions[:, 0].tolist()
         ]
         self._from_p, self._from_quat = self._to_p, self._to_quat
 
@@ -270,6 +271,14 @@ def _check(what: str, expected: int, values: list[float]) -> None:
         raise WrongShape(what, expected, len(values))
     if not all(map(math.isfinite, values)):
         raise InvalidValue(what, values, "finite numbers")
+
+
+@functools.cache
+def _fractions(steps: int) -> Array:
+    """(steps, 1) shares of a tick at the ends of its physics steps."""
+    fractions = np.arange(1, steps + 1)[:, None] / steps
+    fractions.flags.writeable = False
+    return fractions
 
 
 def _consecutive(indices: list[int]) -> slice:

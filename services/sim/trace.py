@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import struct
+from array import array
 from collections.abc import Sequence
 
 
@@ -18,9 +18,9 @@ class Trace:
         self._hash = hashlib.sha256()
 
     def add_numbers(self, label: bytes, values: Sequence[float]) -> None:
-        """Add floats, little-endian IEEE 754 doubles."""
+        """Add floats, IEEE 754 doubles as they lie in memory."""
         self._hash.update(label)
-        self._hash.update(struct.pack(f"<{len(values)}d", *values))
+        self._hash.update(array("d", values).tobytes())
 
     def add_bytes(self, label: bytes, payload: bytes) -> None:
         """Add an image or another buffer."""
