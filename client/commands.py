@@ -169,9 +169,11 @@ class DataView(Command):
     folder: Positional[Path]
     """Folder of the data set."""
     episode: int = 0
-    """Episode of the sheet, from 0."""
+    """Episode of sheet and video, from 0."""
     sheet: Path | None = None
     """Also draw images of that episode over time: a PNG file to write."""
+    video: Path | None = None
+    """Also draw that episode from the task's viewpoint: a .webp, .gif or .png file to write."""
     json: bool = False
     """Print one JSON object."""
 

@@ -9,6 +9,7 @@ from typing import Any
 from client.commands import DataCheck, DataView
 from client.sheet import write_sheet
 from client.tables import format_table
+from client.video import write_video
 from common.datasets import EpisodeInfo, EpisodeStore
 from common.datasets.quality import QualityReport, check_quality
 from common.errors import InvalidValue
@@ -17,17 +18,29 @@ from common.errors import InvalidValue
 def view(command: DataView) -> int:
     """Show the episodes, and draw one of them when asked to."""
     store = EpisodeStore.open(command.folder)
-    if command.sheet is not None:
-        if not 0 <= command.episode < len(store):
-            raise InvalidValue("--episode", command.episode, f"0 to {len(store) - 1}")
-        write_sheet(store[command.episode], command.sheet, rate_hz=store.spec.rate_hz)
+    drawn = _draw(store, command)
     if command.json:
         sys.stdout.write(json.dumps(_to_json(store)) + "\n")
     else:
         sys.stdout.write(_to_text(store) + "\n")
-    if command.sheet is not None:
-        sys.stderr.write(f"sheet: {command.sheet}\n")
+    sys.stderr.write(drawn)
     return 0
+
+
+def _draw(store: EpisodeStore, command: DataView) -> str:
+    """Draw what was asked for; tell where it is."""
+    if command.sheet is None and command.video is None:
+        return ""
+    if not 0 <= command.episode < len(store):
+        raise InvalidValue("--episode", command.episode, f"0 to {len(store) - 1}")
+    episode, drawn = store[command.episode], ""
+    if command.sheet is not None:
+        write_sheet(episode, command.sheet, rate_hz=store.spec.rate_hz)
+        drawn += f"sheet: {command.sheet}\n"
+    if command.video is not None:
+        write_video(episode, command.video, spec=store.spec)
+        drawn += f"video: {command.video}\n"
+    return drawn
 
 
 def check(command: DataCheck) -> int:

@@ -7,7 +7,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from common.calibration.four_bar import MOTOR_TORQUE_NM_PER_A, OPEN_RAD, opening_m
+from common.calibration.four_bar import (
+    MOTOR_TORQUE_NM_PER_A,
+    OPEN_RAD,
+    driver_rad,
+    opening_m,
+)
 
 _SIDES = ("left", "right")
 _KP_NM_PER_RAD = 12.0
@@ -27,8 +32,8 @@ class Fingers:
         self._goal = np.full(2, OPEN_RAD)
         self._current_limit_a = -1.0
         self._followers = [
-            (int(model.joint(f"gripper_{side}_{part}").qposadr[0]), index, sign)
-            for index, side in enumerate(_SIDES)
+            (int(model.joint(f"gripper_{side}_{part}").qposadr[0]), sign)
+            for side in _SIDES
             for part, sign in (("finger", -1.0), ("passive", 1.0))
         ]
 
@@ -50,10 +55,15 @@ class Fingers:
 
     def reset(self, data: Any) -> None:
         """Open both fingers."""
-        data.qpos[self._qpos] = OPEN_RAD
-        for address, _, sign in self._followers:
-            data.qpos[address] = sign * OPEN_RAD
+        self.place(data, opening_m(OPEN_RAD))
         self.command([OPEN_RAD, OPEN_RAD], current_limit_a=0.0)
+
+    def place(self, data: Any, distance_m: float) -> None:
+        """Put both fingers where the pads are this far apart."""
+        angle_rad = driver_rad(distance_m)
+        data.qpos[self._qpos] = angle_rad
+        for address, sign in self._followers:
+            data.qpos[address] = sign * angle_rad
 
     def command(self, positions_rad: list[float], *, current_limit_a: float) -> None:
         """Take goals of left and right motor [rad], positive = open, and the current cap [A]."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import mujoco
@@ -35,6 +36,10 @@ class Servos(Protocol):
 
     def reset(self, data: Any) -> None:
         """Put the robot at its start, at rest, and hold it there."""
+        ...
+
+    def place(self, data: Any, positions: Sequence[float]) -> None:
+        """Put the robot at measured positions, as in `RobotState`; for pictures."""
         ...
 
     def command(self, positions: list[float], velocities: list[float]) -> None:
@@ -99,6 +104,10 @@ class JointServos:
         """Put the arm at its start posture."""
         data.qpos[self._qpos] = self._start
         self._stay_at_start()
+
+    def place(self, data: Any, positions: Sequence[float]) -> None:
+        """Put the arm at measured joint positions [rad]."""
+        data.qpos[self._qpos] = positions
 
     def command(self, positions: list[float], velocities: list[float]) -> None:
         """Take joint positions [rad] and velocities [rad/s]."""
@@ -199,6 +208,11 @@ class HandServos:
         self._from_p = self._to_p = self._start[:3]
         self._from_quat = self._to_quat = _normalized(self._start[3:].tolist())
         self.hold()
+
+    def place(self, data: Any, positions: Sequence[float]) -> None:
+        """Put the hand at a measured pose."""
+        data.qpos[self._slide_qpos] = positions[:3]
+        data.qpos[self._ball_qpos] = positions[3:]
 
     def command(self, positions: list[float], velocities: list[float]) -> None:
         """Take a pose `[x, y, z, qw, qx, qy, qz]` and a twist (world linear, body angular)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,6 +80,23 @@ class World:
         # Poses of the state just reached, not of the one before it.
         mujoco.mj_kinematics(self.model, self.data)
         self._legs.follow(self.data, ticks_s)
+
+    def show(
+        self, positions: Sequence[float], opening_m: float, objects: Mapping[str, Sequence[float]]
+    ) -> None:
+        """Take on a recorded state, for pictures: poses only, nothing moves.
+
+        Args:
+            positions: Of the robot, as in `RobotState`.
+            opening_m: Distance between the finger pads.
+            objects: Name -> T_world_object as in `GroundTruth`, for every object.
+        """
+        for body in self._objects:
+            self.data.qpos[body.qpos : body.qpos + 7] = objects[body.name]
+        self.servos.place(self.data, positions)
+        self.fingers.place(self.data, opening_m)
+        self._legs.reset(self.data)
+        mujoco.mj_kinematics(self.model, self.data)
 
     @property
     def T_world_tool(self) -> Array:
