@@ -12,7 +12,8 @@ from client.processes import read_last_line
 from common.api import ServiceInfo
 from common.errors import LegatoError
 
-DEADLINE_S = 30.0
+DEADLINE_S = 90.0
+"""A first start on a machine compiles the camera, which takes most of it."""
 POLL_S = 0.1
 
 

@@ -23,7 +23,7 @@ from common.messages import (
 from common.robots import list_robots, load_robot
 from common.service import AnyMessage, Reactor
 from common.tasks import list_tasks, load_task
-from services.sim.camera import RANDOMISED, Sensor, StereoCamera
+from services.sim.camera import RANDOMISED, Sensor, StereoCamera, warm_up
 from services.sim.episode import Episode
 from services.sim.world import TOOL_SITE, World
 
@@ -46,6 +46,8 @@ class SimReactor(Reactor):
     packages = ("mujoco-core", "numba", "numpy")
 
     def __init__(self, *, node: str) -> None:
+        # Ready means ready: no episode may wait for a compiler.
+        warm_up()
         self.node = node
         self._episode: Episode | None = None
         self._running = False

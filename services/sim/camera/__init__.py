@@ -6,6 +6,7 @@ from services.sim.camera.noise import RANDOMISED, CameraNoise, Sensor
 from services.sim.camera.scene import SceneRenderer
 from services.sim.camera.stereo import StereoCamera
 from services.sim.camera.tracer import Hits, Tracer
+from services.sim.camera.warm_up import warm_up
 
 __all__ = [
     "RANDOMISED",
@@ -15,4 +16,5 @@ __all__ = [
     "Sensor",
     "StereoCamera",
     "Tracer",
+    "warm_up",
 ]
