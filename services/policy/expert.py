@@ -6,13 +6,15 @@ import numpy as np
 
 from common.clock import FRAME_TICKS, TICK_S
 from common.messages import ActionStep, GroundTruth
-from common.se3 import Array, apply_differential, differential, pose_from_wire
+from common.se3 import Array, apply_differential, differential, distance, pose_from_wire
 from common.tasks import load_task
 from common.tasks.task import DemonstratorView, Script, Waypoint
 from services.policy.min_jerk import MinJerkSegment
 from services.policy.policy import Observation
 
 _PERIOD_S = FRAME_TICKS * TICK_S
+_ASTRAY_M, _ASTRAY_RAD = 0.02, 0.1
+"""A gripper that follows as it should is nearer than this whenever a way begins."""
 _BOW_FROM_M = 0.10
 """Shorter ways are too deliberate to be bent."""
 
@@ -55,6 +57,7 @@ class ExpertPolicy:
         if self._T_world_setpoint is None:
             self._T_world_setpoint = pose_from_wire(observation.truth.T_world_tool)
         if self._segment is None and self._wait_steps == 0:
+            self._look(pose_from_wire(observation.truth.T_world_tool))
             self._begin(self._script.next_waypoint(_view(observation.truth)))
         T_next = self._T_world_setpoint
         if self._segment is not None:
@@ -74,6 +77,17 @@ class ExpertPolicy:
                 grasp=self._grasp,
             )
         ]
+
+    def _look(self, T_world_tool: Array) -> None:
+        """Go on from where the gripper is when that is not where it was sent.
+
+        A robot that is at the end of its reach stays behind, and its set-point with it.
+        """
+        if self._T_world_setpoint is None:
+            return
+        behind_m, behind_rad = distance(self._T_world_setpoint, T_world_tool)
+        if behind_m > _ASTRAY_M or behind_rad > _ASTRAY_RAD:
+            self._T_world_setpoint = T_world_tool
 
     def _begin(self, waypoint: Waypoint | None) -> None:
         """Set off to a waypoint, or stay when the script has ended."""
