@@ -54,6 +54,12 @@ class DemoRecord(Command):
     """Store failed demonstrations too; they do not count as wanted."""
     camera: str = "t265"
     """Calibration of the stereo camera."""
+    tracking_lag_ms: float = 0.0
+    """Let the hand lag behind; each trial draws its time constant, up to this [ms]."""
+    action_latency_ms: float = 0.0
+    """Let actions take effect late; each trial draws its latency, up to this [ms]."""
+    randomise_camera: bool = False
+    """Vary exposure, vignette and noise of the images, trial by trial."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from client.commands import DemoRecord, Eval
+from client.recording.variation import NOMINAL, Variation
 from client.request import build_request
 from common.api import EvaluationRequest
 from common.datasets import DatasetSpec
@@ -26,6 +27,7 @@ class Plan:
         workers: Processes.
         keep_failed: Whether failed ones are stored too.
         folder: Of the data set.
+        variation: How trials differ from the nominal one.
     """
 
     request: EvaluationRequest
@@ -33,6 +35,7 @@ class Plan:
     workers: int
     keep_failed: bool
     folder: Path
+    variation: Variation = NOMINAL
 
     def describe(self) -> DatasetSpec:
         """The description of its data set.
@@ -58,6 +61,7 @@ class Plan:
                 "seed": self.request.seed,
                 "mode": self.request.mode,
                 "keep_failed": self.keep_failed,
+                "variation": self.variation.model_dump(),
             },
             software=software,
         )
@@ -80,6 +84,9 @@ def make_plan(command: DemoRecord) -> Plan:
         trials=1,
         seed=command.seed,
         camera=command.camera,
+        tracking_lag_ms=command.tracking_lag_ms,
+        action_latency_ms=command.action_latency_ms,
+        randomise_camera=command.randomise_camera,
     )
     request = build_request(names, pictures=False)
     name = f"{command.task}-{command.robot}-{command.seed}"
@@ -88,6 +95,11 @@ def make_plan(command: DemoRecord) -> Plan:
         episodes=command.episodes,
         workers=min(command.workers or _count_cores(), command.episodes),
         keep_failed=command.keep_failed,
+        variation=Variation(
+            tracking_lag_s=request.tracking_lag_s,
+            action_latency_s=request.action_latency_s,
+            randomise_camera=request.randomise_camera,
+        ),
         folder=command.out or Path("runs") / "demonstrations" / name,
     )
 

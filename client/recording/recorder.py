@@ -111,6 +111,7 @@ class _Recording:
             policy=plan.request.policy_names[0],
             seed=plan.request.seed,
             keep_failed=plan.keep_failed,
+            variation=plan.variation,
             parts=str(self._parts),
         )
         self._workers = plan.workers

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge
 from pydantic import BaseModel, ConfigDict
 
+from client.recording.variation import Variation
 from common.messages.base import Natural
 
 _CONFIG = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -40,5 +41,6 @@ class WorkerOrder(BaseModel):
     policy: str
     seed: Natural
     keep_failed: bool
+    variation: Variation = Variation()
     parts: str
     """Folder for finished episodes."""

@@ -77,7 +77,8 @@ class Demonstrator:
         order, name = self._order, f"record-{trial}"
         seed = trial_seed(order.seed, trial)
         spec = TrialSpec(name, 0, trial, order.task, order.robot, order.policy, seed)
-        return SubmitEvaluation(name, self._request, (spec,))
+        request = order.variation.apply(self._request, seed=seed)
+        return SubmitEvaluation(name, request, (spec,))
 
     def _conclude(self, ended: TrialEnded) -> TrialReport:
         trial, seed = ended.trial.index, ended.trial.seed
@@ -116,6 +117,8 @@ def describe_episode(recorded: RecordedEpisode, *, trial: int) -> EpisodeMetadat
             "goal_distance_m": result.goal_distance_m,
             "hand_error_p95_m": result.hand_error_m.p95,
             "idle_rows_dropped": recorded.idle_rows,
+            "tracking_lag_s": recorded.configure.tracking_lag_s,
+            "action_latency_s": recorded.configure.action_latency_s,
             "trace_sha256": result.trace_sha256,
         },
     )

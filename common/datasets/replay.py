@@ -8,6 +8,7 @@ import numpy as np
 
 from common.datasets.spec import DatasetSpec
 from common.datasets.store import Episode
+from common.errors import InvalidValue
 from common.se3 import Array, apply_differential, distance, exp3, log3, make_pose, pose_from_wire
 
 
@@ -26,7 +27,7 @@ def replay_errors(episode: Episode, spec: DatasetSpec) -> tuple[Array, Array]:
     """Distance between the recorded references and those that the actions lead to.
 
     Between two set-points the reference moves straight at constant speed. A row holds it one tick
-    before its frame, and later by what the robot is told late.
+    before its frame, and later by what the robot is told late and by the latency of its actions.
 
     Returns:
         (rows,) distances [m] and angles [rad].
@@ -41,8 +42,12 @@ def _replay_references(episode: Episode, spec: DatasetSpec) -> Iterator[Array]:
     setpoints = replay_setpoints(episode)
     steps = episode["frame_step"].tolist()
     period_ticks = round(spec.tick_rate_hz / spec.rate_hz)
+    latency_s = episode.info.details.get("action_latency_s", 0.0)
+    if not isinstance(latency_s, int | float):
+        raise InvalidValue("action_latency_s of the episode", latency_s, "a time in seconds")
+    delay_ticks = 1 + spec.reference_delay_ticks + round(latency_s * spec.tick_rate_hz)
     for step in steps:
-        ticks = max(0, step - steps[0] - 1 - spec.reference_delay_ticks)
+        ticks = max(0, step - steps[0] - delay_ticks)
         number, rest = divmod(ticks, period_ticks)
         number = min(number, len(setpoints) - 1)
         following = setpoints[min(number + 1, len(setpoints) - 1)]

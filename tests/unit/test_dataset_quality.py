@@ -106,6 +106,17 @@ def test_a_data_set_without_a_fault(tmp_path, delay_ticks):
     assert by_name["images"].least == images.min()
 
 
+def test_an_episode_whose_actions_took_effect_late_has_no_fault(tmp_path):
+    columns = make_columns(seed=1, delay_ticks=7)
+    with EpisodeWriter.open(tmp_path, make_spec()) as out:
+        for trial, details in enumerate(({"action_latency_s": 0.07}, {})):
+            about = EpisodeMetadata(trial=trial, seed=trial, outcome="success", details=details)
+            out.append(EpisodeRows(columns), about)
+    report = check_quality(EpisodeStore.open(tmp_path))
+    # The same rows are wrong where no latency is told of.
+    assert [(each.episode, each.check) for each in report.problems] == [(1, "replay")]
+
+
 def drop_a_frame(columns):
     columns["frame_step"][5:] += 10
     columns["state_step"][5:] += 10

@@ -24,6 +24,7 @@ from client.recording.pool import WorkerPool
 from client.recording.progress import BarProgress, LineRecordingProgress, describe_pace
 from client.recording.recorder import record
 from client.recording.report import WorkerOrder
+from client.recording.variation import Variation
 from client.recording.worker import Orders
 from client.verbs.record import format_summary
 from common.api import EvaluationRequest
@@ -306,6 +307,7 @@ def test_a_data_set_says_where_it_comes_from():
         "seed": 4,
         "mode": "lockstep",
         "keep_failed": False,
+        "variation": Variation().model_dump(),
     }
     assert spec.software.keys() >= {"legato", "mujoco-core", "numpy", "pin"}
 
