@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from types import TracebackType
-from typing import TYPE_CHECKING, Protocol, Self, TextIO
+from typing import TYPE_CHECKING, Protocol, TextIO
 
+from client.display import Display, LineDisplay, ScreenDisplay
 from client.record import as_factor, describe_success, in_mm
 from common.api import Evaluation, ProgressEvent, Trial
 
@@ -15,21 +15,8 @@ if TYPE_CHECKING:
 _BAR = 12
 
 
-class Progress(Protocol):
-    """Shows the events of an evaluation. A context manager."""
-
-    def __enter__(self) -> Self:
-        """Begin."""
-        ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Leave the screen as it was, with the last state on it."""
-        ...
+class Progress(Display, Protocol):
+    """Shows the events of an evaluation."""
 
     def update(self, event: ProgressEvent) -> None:
         """Show an event."""
@@ -42,44 +29,29 @@ def open_progress(stream: TextIO | None = None) -> Progress:
     return LiveProgress(target) if target.isatty() else LineProgress(target)
 
 
-class LineProgress:
+class LineProgress(LineDisplay):
     """One line per finished trial."""
 
     def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
+        super().__init__(stream)
         self._shown: set[int] = set()
         self._waiting: list[str] = []
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Nothing to leave."""
 
     def update(self, event: ProgressEvent) -> None:
         """Write a line when a trial has ended or something is missing."""
         if event.evaluation.waiting_for != self._waiting:
             self._waiting = event.evaluation.waiting_for
             if self._waiting:
-                self._write(f"waiting for {', '.join(self._waiting)}")
+                self.write(f"waiting for {', '.join(self._waiting)}")
         trial = event.trial
         if trial is None or trial.status in ("pending", "running") or trial.id in self._shown:
             return
         self._shown.add(trial.id)
         done, total = event.evaluation.trials_done, event.evaluation.trials_total
-        self._write(f"{done:>4}/{total}  {describe_trial(trial)}")
-
-    def _write(self, line: str) -> None:
-        self._stream.write(line + "\n")
-        self._stream.flush()
+        self.write(f"{done:>4}/{total}  {describe_trial(trial)}")
 
 
-class LiveProgress:
+class LiveProgress(ScreenDisplay):
     """A table that stays in place: one row per task, robot and policy."""
 
     def __init__(self, stream: TextIO) -> None:
@@ -88,19 +60,8 @@ class LiveProgress:
         from rich.live import Live
 
         self._live = Live(console=Console(file=stream), refresh_per_second=8)
+        super().__init__(self._live)
         self._last_failure = ""
-
-    def __enter__(self) -> Self:
-        self._live.__enter__()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._live.__exit__(kind, error, trace)
 
     def update(self, event: ProgressEvent) -> None:
         """Redraw."""

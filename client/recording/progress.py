@@ -4,28 +4,15 @@ from __future__ import annotations
 
 import sys
 import time
-from types import TracebackType
-from typing import Protocol, Self, TextIO
+from typing import Protocol, TextIO
 
+from client.display import Display, LineDisplay, ScreenDisplay
 from client.recording.ledger import Ledger
 from client.recording.report import TrialReport
 
 
-class RecordingProgress(Protocol):
-    """Shows the trials of a recording. A context manager."""
-
-    def __enter__(self) -> Self:
-        """Begin."""
-        ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Leave the screen as it was, with the last state on it."""
-        ...
+class RecordingProgress(Display, Protocol):
+    """Shows the trials of a recording."""
 
     def begin(self, ledger: Ledger) -> None:
         """Show where it starts."""
@@ -42,41 +29,23 @@ def open_recording_progress(stream: TextIO | None = None) -> RecordingProgress:
     return BarProgress(target) if target.isatty() else LineRecordingProgress(target)
 
 
-class LineRecordingProgress:
+class LineRecordingProgress(LineDisplay):
     """One line per trial, in the order of the trials."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Nothing to leave."""
 
     def begin(self, ledger: Ledger) -> None:
         """Tell what an earlier run has left."""
         if ledger.trials:
-            self._write(
+            self.write(
                 f"going on after trial {ledger.trials - 1}: {ledger.successes} of "
                 f"{ledger.wanted} demonstrations are there"
             )
 
     def update(self, ledger: Ledger, report: TrialReport) -> None:
         """Write a line."""
-        self._write(f"{ledger.successes:>4}/{ledger.wanted}  {describe_report(report)}")
-
-    def _write(self, line: str) -> None:
-        self._stream.write(line + "\n")
-        self._stream.flush()
+        self.write(f"{ledger.successes:>4}/{ledger.wanted}  {describe_report(report)}")
 
 
-class BarProgress:
+class BarProgress(ScreenDisplay):
     """One bar with counts, rate and the time that is left."""
 
     def __init__(self, stream: TextIO) -> None:
@@ -91,21 +60,10 @@ class BarProgress:
             TextColumn("{task.fields[told]}", markup=False),
             console=Console(file=stream),
         )
+        super().__init__(self._bar)
         self._task = self._bar.add_task("recording", told="starting", total=0)
         self._started_s = time.monotonic()
         self._before = 0
-
-    def __enter__(self) -> Self:
-        self._bar.__enter__()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._bar.__exit__(kind, error, trace)
 
     def begin(self, ledger: Ledger) -> None:
         """Show where it starts."""
