@@ -18,13 +18,16 @@ FORMATS = {".webp": "WEBP", ".gif": "GIF", ".png": "PNG"}
 _OBJECT = "object_"
 
 
-def write_video(episode: Episode, path: Path, *, spec: DatasetSpec) -> int:
+def write_video(
+    episode: Episode, path: Path, *, spec: DatasetSpec, meshes: Path | None = None
+) -> int:
     """Draw every row of an episode and write an animation that runs at its rate.
 
     Args:
         episode: With the columns of a recording.
         path: File to write: .webp, .gif, or .png (an animated one).
         spec: Of its data set.
+        meshes: Folder of the robot's meshes; without it, it is drawn from primitives.
 
     Returns:
         How many frames it has.
@@ -32,15 +35,18 @@ def write_video(episode: Episode, path: Path, *, spec: DatasetSpec) -> int:
     Raises:
         InvalidValue: The file's name has another ending.
         MissingExtra: Pillow, or a package of the simulation, is not installed.
+        BadMeshes: The robot has no meshes, or they are not in that folder.
+        MeshesDoNotFit: The meshes would not move as the robot does.
         NotWritable: The file cannot be written.
     """
     kind = FORMATS.get(path.suffix.lower())
     if kind is None:
         raise InvalidValue("--video", path.name, f"a name that ends with {', '.join(FORMATS)}")
     try:
-        frames = list(_draw(episode, spec))
+        frames = list(_draw(episode, spec, meshes))
     except ModuleNotFoundError as error:
-        raise MissingExtra(error.name or "of the simulation", "all") from error
+        extra = "meshes" if meshes else "all"
+        raise MissingExtra(error.name or "of the simulation", extra) from error
     first, *others = frames
     try:
         first.save(
@@ -56,12 +62,14 @@ def write_video(episode: Episode, path: Path, *, spec: DatasetSpec) -> int:
     return len(frames)
 
 
-def _draw(episode: Episode, spec: DatasetSpec) -> Iterator[Image.Image]:
+def _draw(episode: Episode, spec: DatasetSpec, meshes: Path | None) -> Iterator[Image.Image]:
     from PIL import Image
 
     from services.sim.replay import Replay
 
-    replay = Replay(task=spec.task, robot=spec.robot, width=WIDTH_PX, height=HEIGHT_PX)
+    replay = Replay(
+        task=spec.task, robot=spec.robot, width=WIDTH_PX, height=HEIGHT_PX, meshes=meshes
+    )
     names = [each.name for each in spec.columns if each.name.startswith(_OBJECT)]
     for row in range(len(episode)):
         pixels = replay.draw(

@@ -1,10 +1,10 @@
 """The one tree of errors.
 
 LegatoError
-├─ ConfigError      UnknownName, InvalidValue, MissingExtra
+├─ ConfigError      UnknownName, InvalidValue, MissingExtra, UntrainedTask
 ├─ ContractError    SchemaMismatch, MalformedMessage, WrongShape
 ├─ ModelError       BadRobotFile, ModelMismatch, BadCalibration, FootholdOutOfReach,
-│                   UnsupportedGeom
+│                   UnsupportedGeom, BadMeshes, MeshesDoNotFit
 ├─ LinkError        RouterUnreachable, NotReady, NodeTimeout, AlreadyRunning, PortInUse
 └─ StoreError       NotFound, NotWritable
 
@@ -92,6 +92,22 @@ class MissingExtra(ConfigError):
             f"the package {package} is not installed",
             expected=f"it comes with the extra [{extra}]",
             action=f"run: pip install 'legato[{extra}]'",
+        )
+
+
+class UntrainedTask(ConfigError):
+    """A policy that was not trained for the task."""
+
+    code = "E-UNTRAINED-TASK"
+
+    def __init__(self, policy: str, task: str, tasks: Sequence[str]) -> None:
+        self.policy = policy
+        self.task = task
+        self.tasks = tuple(tasks)
+        super().__init__(
+            f'the policy {policy} was not trained for the task "{task}"',
+            expected=f"trained for: {', '.join(tasks)}",
+            action="choose another policy or another task",
         )
 
 
@@ -235,6 +251,40 @@ class UnsupportedGeom(ModelError):
             f"geom {geom} of body {body} is a {kind}, which the camera cannot draw",
             expected=f"expected one of: {', '.join(self.known)}",
             action="draw it with those shapes, or hide it from cameras with group 4 or 5",
+        )
+
+
+class BadMeshes(ModelError):
+    """A folder of meshes that cannot be used, or a robot that has none."""
+
+    code = "E-MESHES"
+
+    def __init__(self, robot: str, problem: str, *, expected: str) -> None:
+        self.robot = robot
+        self.problem = problem
+        super().__init__(
+            f"meshes of {robot}: {problem}",
+            expected=f"expected {expected}",
+            action="give another folder, or draw the robot without meshes (docs/camera.md)",
+        )
+
+
+class MeshesDoNotFit(ModelError):
+    """A model with meshes whose bodies do not move as ours do."""
+
+    code = "E-MESHES-FIT"
+
+    def __init__(
+        self, robot: str, body: str, *, apart: tuple[float, float], most: tuple[float, float]
+    ) -> None:
+        self.robot = robot
+        self.body = body
+        self.apart_m, self.apart_rad = apart
+        super().__init__(
+            f"meshes of {robot}: body {body} is {1e3 * self.apart_m:.1f} mm and "
+            f"{self.apart_rad:.3f} rad away from where model.xml has it",
+            expected=f"expected at most {1e3 * most[0]:g} mm and {most[1]:g} rad in every posture",
+            action=f"correct the table [meshes] in robot.toml of {robot}, or give another folder",
         )
 
 

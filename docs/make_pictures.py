@@ -1,8 +1,14 @@
-"""Draw the pictures of the README and the docs: python -m docs.make_pictures."""
+"""Draw the pictures of the README and the docs: python -m docs.make_pictures.
+
+With `--meshes FOLDER` robots are drawn with the meshes of that copy of MuJoCo Menagerie, as far as
+it has them; `--out FOLDER` keeps these pictures apart.
+"""
 
 from __future__ import annotations
 
+import argparse
 import io
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +21,7 @@ from client.record import EvaluationRecord
 from common.api import EvaluationRequest
 from common.calibration import load_calibration
 from common.robots import list_robots, load_robot
+from common.robots.menagerie import find_menagerie
 from common.tasks import load_task
 from common.tasks.recording import load_recording
 from common.tasks.task import SceneCamera
@@ -22,6 +29,7 @@ from examples.retarget_recorded import follow
 from examples.retarget_sheet import draw_sheet
 from services.retarget.robot_model import RobotModel
 from services.sim.camera import SceneRenderer, StereoCamera
+from services.sim.dress import dress
 from services.sim.world import TOOL_SITE, World
 
 FOLDER = Path(__file__).parent / "pictures"
@@ -44,15 +52,22 @@ RETARGETED = "gr1"
 
 def main() -> None:
     """Draw all of them."""
-    FOLDER.mkdir(exist_ok=True)
-    draw_lid().save(FOLDER / "lid.png", optimize=True)
-    draw_robots().save(FOLDER / "robots.png", optimize=True)
-    draw_worlds(draw_scene).save(FOLDER / "worlds.png", optimize=True)
-    draw_worlds(draw_eyes).save(FOLDER / "eyes.png", optimize=True)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--meshes", type=Path, default=find_menagerie())
+    parser.add_argument("--out", type=Path, default=FOLDER)
+    args = parser.parse_args()
+    out, studio = args.out, Studio(args.meshes)
+    out.mkdir(exist_ok=True)
+    draw_lid().save(out / "lid.png", optimize=True)
+    join([studio.draw_portrait(robot) for robot in list_robots()]).save(
+        out / "robots.png", optimize=True
+    )
+    draw_worlds(studio.draw_scene).save(out / "worlds.png", optimize=True)
+    draw_worlds(draw_eyes).save(out / "eyes.png", optimize=True)
     recording, obstacles = load_recording("lid"), load_task("lid").obstacles
     run = follow(RobotModel(load_robot(RETARGETED)), recording, obstacles)
     sheet = draw_sheet(run, title=f"{run.model.spec.title} · {recording.task}")
-    sheet.savefig(FOLDER / "retarget.png", pil_kwargs={"optimize": True})
+    sheet.savefig(out / "retarget.png", pil_kwargs={"optimize": True})
 
 
 def draw_lid() -> Image.Image:
@@ -83,13 +98,6 @@ def draw_worlds(draw: Callable[[World], Image.Image]) -> Image.Image:
     return stack(rows)
 
 
-def draw_scene(world: World) -> Image.Image:
-    """A world from its task's viewpoint."""
-    width, height = SCENE_PX
-    renderer = SceneRenderer(world.model, width=width, height=height, supersample=2)
-    return Image.fromarray(renderer.render(world.data, world.task.scene_camera))
-
-
 def draw_eyes(world: World) -> Image.Image:
     """What the gripper's two eyes see, left and right, every pixel traced."""
     calibration = load_calibration("t265")
@@ -98,17 +106,35 @@ def draw_eyes(world: World) -> Image.Image:
     return join([Image.frombytes("L", size, eye) for eye in camera.render(world.data)])
 
 
-def draw_robots() -> Image.Image:
-    """Every robot at the start of the lid task, with its title below."""
-    return join([draw_portrait(robot) for robot in list_robots()])
+class Studio:
+    """Draws robots in their worlds.
 
+    Args:
+        meshes: Folder of meshes, or none; robots whose model it lacks are drawn from primitives.
+    """
 
-def draw_portrait(robot: str) -> Image.Image:
-    """One robot at the start of the lid task, with its title below."""
-    world = World(task=load_task("lid"), robot=load_robot(robot), seed=0)
-    width, height = PORTRAIT_PX
-    renderer = SceneRenderer(world.model, width=width, height=height, supersample=2)
-    return caption(Image.fromarray(renderer.render(world.data, PORTRAIT)), world.robot.title)
+    def __init__(self, meshes: Path | None) -> None:
+        self._meshes = meshes
+
+    def draw_portrait(self, robot: str) -> Image.Image:
+        """One robot at the start of the lid task, with its title below."""
+        world = World(task=load_task("lid"), robot=load_robot(robot), seed=0)
+        return caption(self._draw(world, PORTRAIT_PX, PORTRAIT), world.robot.title)
+
+    def draw_scene(self, world: World) -> Image.Image:
+        """A world from its task's viewpoint."""
+        return self._draw(world, SCENE_PX, world.task.scene_camera)
+
+    def _draw(self, world: World, size: tuple[int, int], camera: SceneCamera) -> Image.Image:
+        (width, height), skin = size, None
+        table = world.robot.meshes
+        if self._meshes is not None and table is not None:
+            if (self._meshes / table.file).is_file():
+                skin = dress(world, self._meshes)
+            else:
+                sys.stderr.write(f"{world.robot.name}: no {table.file}, drawn from primitives\n")
+        renderer = SceneRenderer(world.model, width=width, height=height, supersample=2, skin=skin)
+        return Image.fromarray(renderer.render(world.data, camera))
 
 
 def caption(picture: Image.Image, text: str) -> Image.Image:

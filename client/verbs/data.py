@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from pathlib import Path
 from typing import Any
 
 from client.commands import DataCheck, DataView
@@ -13,6 +14,8 @@ from client.video import write_video
 from common.datasets import EpisodeInfo, EpisodeStore
 from common.datasets.quality import QualityReport, check_quality
 from common.errors import InvalidValue
+from common.robots import load_robot
+from common.robots.menagerie import find_menagerie
 
 
 def view(command: DataView) -> int:
@@ -29,6 +32,8 @@ def view(command: DataView) -> int:
 
 def _draw(store: EpisodeStore, command: DataView) -> str:
     """Draw what was asked for; tell where it is."""
+    if command.meshes is not None and command.video is None:
+        raise InvalidValue("--meshes", str(command.meshes), "--video beside it")
     if command.sheet is None and command.video is None:
         return ""
     if not 0 <= command.episode < len(store):
@@ -38,9 +43,17 @@ def _draw(store: EpisodeStore, command: DataView) -> str:
         write_sheet(episode, command.sheet, rate_hz=store.spec.rate_hz)
         drawn += f"sheet: {command.sheet}\n"
     if command.video is not None:
-        write_video(episode, command.video, spec=store.spec)
+        meshes = _find_meshes(command, store.spec.robot)
+        write_video(episode, command.video, spec=store.spec, meshes=meshes)
         drawn += f"video: {command.video}\n"
     return drawn
+
+
+def _find_meshes(command: DataView, robot: str) -> Path | None:
+    """The folder that was asked for; the environment's only for a robot that has meshes."""
+    if command.meshes is not None or load_robot(robot).meshes is None:
+        return command.meshes
+    return find_menagerie()
 
 
 def check(command: DataCheck) -> int:

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from annotated_types import Ge, Gt, Len
+from annotated_types import Ge, Gt, Le, Len
 from pydantic import AfterValidator, BaseModel, ConfigDict, model_validator
 
 from common.messages.base import Name, check_pose
@@ -142,6 +142,46 @@ class RetargetSpec(BaseModel):
     """`piqp`, or any other that qpsolvers knows, for comparison."""
 
 
+class BodyMeshSpec(BaseModel):
+    """A body whose primitives are replaced by the meshes of a body of another model."""
+
+    model_config = _CONFIG
+
+    ours: Name
+    """Body of model.xml."""
+    theirs: Name
+    """Body of the other model. Joints of the first one that is paired with `ours` follow ours."""
+    T_ours_theirs: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    """Their body's frame in ours: x y z qw qx qy qz."""
+
+
+class FixedJointSpec(BaseModel):
+    """A joint of another model that has no counterpart in ours."""
+
+    model_config = _CONFIG
+
+    joint: Name
+    position: float
+    """Where it stays [rad, m]."""
+
+
+class MeshesSpec(BaseModel):
+    """Meshes that pictures for people show in place of the robot's primitives."""
+
+    model_config = _CONFIG
+
+    file: Annotated[str, Len(1)]
+    """MJCF in the folder of meshes, e.g. `franka_emika_panda/panda_nohand.xml`."""
+    group: Annotated[int, Ge(0), Le(5)] = 2
+    """Group of that model's visual geoms: 2 in MuJoCo Menagerie."""
+    bodies: Annotated[tuple[BodyMeshSpec, ...], Len(1)]
+    """The first is the root that all others are compared with."""
+    posture: tuple[FixedJointSpec, ...] = ()
+    """Joints of the other model that ours lacks; all others that ours lacks stay at zero."""
+    keep: tuple[Name, ...] = ()
+    """Geoms of replaced bodies that are shown as they are: no mesh stands for them."""
+
+
 class RobotSpec(BaseModel):
     """A robot. `kind` decides which retargeter and which servo it gets."""
 
@@ -159,6 +199,7 @@ class RobotSpec(BaseModel):
     head: HeadSpec | None = None
     walls: tuple[WallSpec, ...] = ()
     collision: CollisionSpec = CollisionSpec()
+    meshes: MeshesSpec | None = None
     command_latency_s: Annotated[float, Ge(0)] = 0.0
     """From a command to its effect on the robot [s]."""
     T_world_start: Pose = (0.1, -0.3, 0.8, 1.0, 0.0, 0.0, 0.0)

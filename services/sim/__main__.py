@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from pathlib import Path
 
 
 def main() -> int:
@@ -12,13 +13,20 @@ def main() -> int:
     # Threads of a BLAS library fight with the other processes for the cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from common.process import add_bus_options, run_service
+    from common.robots.menagerie import VARIABLE, find_menagerie
 
     parser = argparse.ArgumentParser(prog="services.sim", description=__doc__)
     add_bus_options(parser, default_node="sim-0")
+    parser.add_argument(
+        "--meshes",
+        type=Path,
+        default=find_menagerie(),
+        help=f"copy of MuJoCo Menagerie for pictures of episodes (default: {VARIABLE}, if set)",
+    )
     args = parser.parse_args()
 
     def make_reactor() -> SimReactor:
-        return SimReactor(node=args.node)
+        return SimReactor(node=args.node, meshes=args.meshes)
 
     from services.sim.reactor import SimReactor
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from common.messages import EpisodePicture, Header, StereoFrame
-from services.sim.camera import SceneRenderer
+from services.sim.camera import SceneRenderer, Skin
 from services.sim.world import World
 
 _WIDTH, _HEIGHT = 400, 300
@@ -24,10 +24,16 @@ class _Moment:
 
 
 class Album:
-    """Keeps the state of key moments (microseconds) and draws them when asked (milliseconds)."""
+    """Keeps the state of key moments (microseconds) and draws them when asked (milliseconds).
 
-    def __init__(self, world: World) -> None:
+    Args:
+        world: Where they happen.
+        skin: Meshes of its robot, for the scene views.
+    """
+
+    def __init__(self, world: World, skin: Skin | None = None) -> None:
         self._world = world
+        self._skin = skin
         self._moments: list[_Moment] = []
         self._counts: dict[str, int] = {}
 
@@ -47,11 +53,14 @@ class Album:
 
     def draw(self, header: Header) -> Iterator[EpisodePicture]:
         """Scene view and stereo pair of every moment."""
-        renderer = SceneRenderer(self._world.model, width=_WIDTH, height=_HEIGHT, supersample=2)
-        data = mujoco.MjData(self._world.model)
+        model = self._world.model
+        renderer = SceneRenderer(
+            model, width=_WIDTH, height=_HEIGHT, supersample=2, skin=self._skin
+        )
+        data = mujoco.MjData(model)
         for moment in self._moments:
             data.qpos[:] = moment.qpos
-            mujoco.mj_forward(self._world.model, data)
+            mujoco.mj_forward(model, data)
             pixels = renderer.render(data, self._world.task.scene_camera)
             yield EpisodePicture(
                 header=header,

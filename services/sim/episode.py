@@ -29,7 +29,7 @@ from common.messages import (
 from common.se3 import pose_to_wire
 from common.tasks.task import Judgement, SuccessMonitor
 from services.sim.album import Album
-from services.sim.camera import Sensor, StereoCamera
+from services.sim.camera import Sensor, Skin, StereoCamera
 from services.sim.measurements import Ending, Measurements
 from services.sim.trace import Trace
 from services.sim.world import World
@@ -57,6 +57,7 @@ class Episode:
         camera: The gripper's stereo camera in that world.
         calibration: What the camera was built from.
         sensor: Changes the pictures as a real one does; without it they stay clean.
+        skin: Meshes of the robot, for the pictures of its key moments.
     """
 
     def __init__(
@@ -66,9 +67,10 @@ class Episode:
         camera: StereoCamera,
         calibration: StereoCalibration,
         sensor: Sensor | None = None,
+        skin: Skin | None = None,
     ) -> None:
         self.configure = configure
-        self._album = Album(world)
+        self._album = Album(world, skin)
         self._world = world
         self._camera = camera
         self._calibration = calibration

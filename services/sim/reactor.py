@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 from common.calibration import load_calibration
 from common.errors import InvalidValue, LegatoError
@@ -23,7 +24,8 @@ from common.messages import (
 from common.robots import list_robots, load_robot
 from common.service import AnyMessage, Reactor
 from common.tasks import list_tasks, load_task
-from services.sim.camera import RANDOMISED, Sensor, StereoCamera, warm_up
+from services.sim.camera import RANDOMISED, Sensor, StereoCamera, warm_up, warm_up_meshes
+from services.sim.dress import dress
 from services.sim.episode import Episode
 from services.sim.world import TOOL_SITE, World
 
@@ -39,15 +41,20 @@ class SimReactor(Reactor):
 
     Args:
         node: Its name, which is the cell's name too.
+        meshes: Folder of the meshes that pictures of key moments show; robots that have none are
+            drawn from primitives, as all are without it.
     """
 
     kind = "sim"
     inputs = (EpisodeConfigure, EpisodeStart, EpisodeAbort, *_ANSWERS)
     packages = ("mujoco-core", "numba", "numpy")
 
-    def __init__(self, *, node: str) -> None:
+    def __init__(self, *, node: str, meshes: Path | None = None) -> None:
         # Ready means ready: no episode may wait for a compiler.
         warm_up()
+        if meshes is not None:
+            warm_up_meshes()
+        self._meshes = meshes
         self.node = node
         self._episode: Episode | None = None
         self._running = False
@@ -124,7 +131,8 @@ class SimReactor(Reactor):
             sensor = None
             if configure.randomise_camera:
                 sensor = Sensor(calibration, RANDOMISED, seed=configure.seed)
-            self._episode = Episode(configure, world, camera, calibration, sensor)
+            skin = dress(world, self._meshes) if self._meshes and world.robot.meshes else None
+            self._episode = Episode(configure, world, camera, calibration, sensor, skin)
         except LegatoError as error:
             problem = Problem(**error.describe())
         return EpisodeReady(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from common.robots import load_robot
 from common.tasks import load_task
 from services.sim.camera import SceneRenderer
+from services.sim.dress import dress
 from services.sim.world import World
 
 
@@ -21,15 +23,21 @@ class Replay:
         robot: Its name.
         width: Of the pictures [px].
         height: Of the pictures [px].
+        meshes: Folder of the robot's meshes; without it, it is drawn from primitives.
 
     Raises:
         UnknownName: There is no such task or robot.
+        BadMeshes: The robot has no meshes, or they are not in that folder.
+        MeshesDoNotFit: The meshes would not move as the robot does.
         InvalidValue: A size that is not positive.
     """
 
-    def __init__(self, *, task: str, robot: str, width: int, height: int) -> None:
+    def __init__(
+        self, *, task: str, robot: str, width: int, height: int, meshes: Path | None = None
+    ) -> None:
         self._world = World(task=load_task(task), robot=load_robot(robot), seed=0)
-        self._renderer = SceneRenderer(self._world.model, width=width, height=height)
+        skin = dress(self._world, meshes) if meshes else None
+        self._renderer = SceneRenderer(self._world.model, width=width, height=height, skin=skin)
 
     def draw(
         self, positions: Sequence[float], opening_m: float, objects: Mapping[str, Sequence[float]]

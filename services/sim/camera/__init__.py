@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from services.sim.camera.meshes import Skin
 from services.sim.camera.noise import RANDOMISED, CameraNoise, Sensor
 from services.sim.camera.scene import SceneRenderer
 from services.sim.camera.stereo import StereoCamera
 from services.sim.camera.tracer import Hits, Tracer
-from services.sim.camera.warm_up import warm_up
+from services.sim.camera.warm_up import warm_up, warm_up_meshes
 
 __all__ = [
     "RANDOMISED",
@@ -14,7 +15,9 @@ __all__ = [
     "Hits",
     "SceneRenderer",
     "Sensor",
+    "Skin",
     "StereoCamera",
     "Tracer",
     "warm_up",
+    "warm_up_meshes",
 ]

@@ -41,9 +41,10 @@ entry = njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True,
 """Marks a kernel that Python calls."""
 
 
-def digest_sources() -> int:
-    """63 bits of the SHA-256 of all files of this package: the version of the kernels."""
+def digest_sources(*more: Path) -> int:
+    """63 bits of the SHA-256 of all files of this folder and of more: the version of a kernel."""
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    for folder in (Path(__file__).parent, *more):
+        for path in sorted(folder.glob("*.py")):
+            digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return int.from_bytes(digest.digest()[:8], "big") >> 1

@@ -11,7 +11,8 @@ from common.se3 import Array
 from common.tasks.task import SceneCamera
 from services.sim.camera.desk import PATTERN_TONE, PLAIN_LIGHT, Desk, make_desk
 from services.sim.camera.kernel import render_pictures
-from services.sim.camera.lens import MOST_RAYS, build_pinhole, freeze
+from services.sim.camera.lens import MOST_RAYS, Lens, build_pinhole, freeze
+from services.sim.camera.meshes import Skin, make_room, render_with_meshes
 from services.sim.camera.shading import bytes_of_intensities
 from services.sim.camera.shapes import Mask
 from services.sim.camera.tables import make_scene
@@ -29,6 +30,7 @@ class SceneRenderer:
         height: Of the picture [px].
         supersample: Rays per pixel along each edge; their mean is shown where a pixel differs from
             its neighbours, elsewhere one ray is enough. 2 gives smooth edges.
+        skin: Meshes that are shown in place of some geoms.
 
     Raises:
         InvalidValue: A size that is not positive.
@@ -36,16 +38,26 @@ class SceneRenderer:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, *, width: int, height: int, supersample: int = 1
+        self,
+        model: mujoco.MjModel,
+        *,
+        width: int,
+        height: int,
+        supersample: int = 1,
+        skin: Skin | None = None,
     ) -> None:
         for field, value in (("width", width), ("height", height), ("supersample", supersample)):
             if value < 1:
                 raise InvalidValue(field, value, "at least 1")
         self._shape = (height, width)
         self._supersample = supersample
-        self._scene = make_scene(model, most=MOST_RAYS)
+        self._scene = make_scene(model if skin is None else skin.uncover(model), most=MOST_RAYS)
         surfaces = self._scene.surfaces
         self._rgb = np.stack([surfaces["red"], surfaces["green"], surfaces["blue"]], axis=1)
+        self._skin = skin
+        if skin is not None:
+            self._rgb = np.concatenate([self._rgb, skin.albedo])
+            self._room = make_room(len(skin.bodies), MOST_RAYS)
 
     def render(self, data: mujoco.MjData, camera: SceneCamera) -> npt.NDArray[np.uint8]:
         """Render what a camera sees.
@@ -79,22 +91,22 @@ class SceneRenderer:
         lens = build_pinhole(columns, rows, camera.fovy_deg)
         lens = lens._replace(inside=freeze(chosen.astype(np.uint8)))
         desk: Desk = make_desk(lens, self._scene, eyes=1, full_grid=True)
-        render_pictures(
-            lens,
-            self._scene,
-            desk,
-            data.geom_xpos,
-            data.geom_xmat,
-            _look_at(camera),
-            np.array([camera.position_m]),
-            True,
-            True,
-        )
+        self._see(lens, desk, data, camera)
         brightness = desk.light[PLAIN_LIGHT, chosen] * desk.light[PATTERN_TONE, chosen]
         picture = np.zeros((rows, columns, 3))
         colors = self._rgb[desk.surface[chosen]]
         picture[chosen] = np.clip(colors * brightness[:, None], 0.0, 1.0)
         return picture
+
+    def _see(self, lens: Lens, desk: Desk, data: mujoco.MjData, camera: SceneCamera) -> None:
+        """Fill the desk's surface and light."""
+        tables, shapes = (lens, self._scene, desk), (data.geom_xpos, data.geom_xmat)
+        view = _look_at(camera), np.array([camera.position_m])
+        if self._skin is None:
+            render_pictures(*tables, *shapes, *view, True, True)
+            return
+        meshes, bodies = (self._skin.hull, self._room, self._skin.bodies), (data.xpos, data.xmat)
+        render_with_meshes(*tables, *meshes, *shapes, *bodies, *view)
 
 
 def _uneven(picture: Array) -> Mask:

@@ -70,6 +70,11 @@ def bytes_of_intensities(intensity: Array) -> npt.NDArray[np.uint8]:
     return display_table()[(np.clip(intensity, 0.0, 1.0) * _LEVELS + 0.5).astype(np.int64)]
 
 
+def albedo_of_colors(colors: Array) -> Array:
+    """Albedo of what shows as these colours (0 to 1) where all lights are full: c^1.6 / 1.15."""
+    return colors ** (1.0 / _GAMMA) / (AMBIENT + HEADLIGHT + LAMBERT)
+
+
 @device
 def to_display(intensity: float, table: npt.NDArray[np.uint8]) -> int:
     """Byte of an intensity, by table."""
