@@ -8,9 +8,10 @@ from __future__ import annotations
 import importlib.metadata
 import secrets
 import threading
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from client.progress import Progress
@@ -19,7 +20,7 @@ from client.request import Known, check_names
 from common import __version__
 from common.api import EvaluationRequest, ProgressEvent
 from common.bus import BusSettings, LocalBus, open_session
-from common.errors import MissingExtra
+from common.errors import InvalidValue, MissingExtra, UntrainedTask
 from common.messages import LocalMessage
 from common.robots import list_robots
 from common.service import Host, InlineRunner, Reactor, Sink
@@ -27,12 +28,17 @@ from common.tasks import list_tasks
 
 if TYPE_CHECKING:
     from services.control.events import SubmitEvaluation
+    from services.policy.serving.library import Library
 
 CELL = "sim-0"
 
 
 def run_in_process(
-    request: EvaluationRequest, *, progress: Progress, stop: threading.Event
+    request: EvaluationRequest,
+    *,
+    progress: Progress,
+    stop: threading.Event,
+    checkpoints: Mapping[str, Path] | None = None,
 ) -> EvaluationRecord:
     """Run an evaluation and return what came out of it; nothing is written to disk.
 
@@ -40,15 +46,19 @@ def run_in_process(
         request: The grid.
         progress: Is told how far it is.
         stop: Cancels the evaluation when set; what has ended stays.
+        checkpoints: Folders of policies that do not come with LEGATO, by name.
 
     Raises:
+        CheckpointError: A policy's checkpoint cannot be used.
         MissingExtra: A package that some service needs is not installed.
         UnknownNames: Tasks, robots or policies that do not exist.
+        UntrainedTask: A policy was not trained for a task.
     """
     with missing_extra_told():
-        check_request_here(request)
+        check_request_here(request, checkpoints=checkpoints)
+        library = load_library(request, checkpoints=checkpoints)
         results = _Results(progress)
-        services = open_services(request.robots, control_sink=results.sink)
+        services = open_services(request.robots, control_sink=results.sink, library=library)
     submitted = results.create(request)
     with services as opened:
         opened.wait_until_ready(stop)
@@ -96,15 +106,44 @@ def missing_extra_told() -> Generator[None, None, None]:
         raise MissingExtra(error.name or "of a service", "all") from error
 
 
-def check_request_here(request: EvaluationRequest) -> None:
+def check_request_here(
+    request: EvaluationRequest, *, checkpoints: Mapping[str, Path] | None = None
+) -> None:
     """Refuse names that do not exist in this installation.
 
     Raises:
+        InvalidValue: A checkpoint has the name of a policy that comes with the code.
         UnknownNames: Lists all of them.
     """
     from services.policy.registry import BUILT_IN
+    from services.policy.serving.library import find_shipped
 
-    check_names(request, Known(list_tasks(), list_robots(), sorted(BUILT_IN)))
+    given = checkpoints or {}
+    for name in given.keys() & BUILT_IN.keys():
+        raise InvalidValue("policy", name, f"a name other than {', '.join(sorted(BUILT_IN))}")
+    policies = sorted({*BUILT_IN, *find_shipped(), *given})
+    check_names(request, Known(list_tasks(), list_robots(), policies))
+
+
+def load_library(
+    request: EvaluationRequest, *, checkpoints: Mapping[str, Path] | None = None
+) -> Library:
+    """The learned policies that a request names.
+
+    Raises:
+        CheckpointError: One of them cannot be used.
+        UntrainedTask: One of them was not trained for a task of the request.
+    """
+    from services.policy.serving.library import Library, find_shipped
+
+    found = {**find_shipped(), **(checkpoints or {})}
+    library = Library()
+    library.load_all({name: found[name] for name in request.policy_names if name in found})
+    for name, description in library.describe().items():
+        for task in request.tasks:
+            if task not in description.tasks:
+                raise UntrainedTask(name, task, description.tasks)
+    return library
 
 
 def open_services(
@@ -112,6 +151,7 @@ def open_services(
     *,
     control_sink: Sink,
     recorder: tuple[Reactor, Sink] | None = None,
+    library: Library | None = None,
 ) -> AbstractContextManager[Services]:
     """The services of an episode and the scheduler.
 
@@ -119,6 +159,7 @@ def open_services(
         robots: Robots that get a retargeter.
         control_sink: Takes what the scheduler tells.
         recorder: Listens to the frames; it hears a result before the scheduler does.
+        library: Learned policies; none without it.
 
     Raises:
         ModuleNotFoundError: A package of a service is not installed.
@@ -132,7 +173,7 @@ def open_services(
         (CELL, SimReactor(node=CELL)),
         ("retarget", RetargetReactor(node="retarget", robots=robots)),
         ("gripper", GripperReactor(node="gripper")),
-        ("policy", PolicyReactor(node="policy")),
+        ("policy", PolicyReactor(node="policy", library=library)),
     ]
     return _open(nodes, control_sink, recorder)
 

@@ -8,8 +8,9 @@ from typing import Annotated, Any, Literal, Self
 from annotated_types import Ge, Le, Len
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, model_validator
 
-from common.messages import Mode, TrialResult
+from common.messages import CheckpointDescription, Mode, TrialResult
 from common.messages.base import Name
+from common.messages.checkpoint import FolderPath
 
 PREFIX = "/api/v1"
 
@@ -190,6 +191,21 @@ class PolicyInfo(BaseModel):
 
     name: str
     nodes: list[str]
+    checkpoints: dict[str, CheckpointDescription] = Field(
+        default_factory=dict[str, CheckpointDescription]
+    )
+    """What a learned policy is, per node; empty for one that comes with the code."""
+
+
+class PolicyLoadRequest(BaseModel):
+    """Load a checkpoint under the name of the path, in place of one that has it."""
+
+    model_config = _CONFIG
+
+    folder: FolderPath
+    """On the host of the policy service; a relative one is below its `--checkpoints`."""
+    node: Name | None = None
+    """Policy service; without it all that run."""
 
 
 class ServiceInfo(BaseModel):
@@ -205,6 +221,9 @@ class ServiceInfo(BaseModel):
     host: str | None
     pid: int | None
     offers: dict[str, list[str]]
+    checkpoints: dict[str, CheckpointDescription] = Field(
+        default_factory=dict[str, CheckpointDescription]
+    )
     metrics: dict[str, float]
 
 

@@ -112,6 +112,7 @@ class Host:
             pid=os.getpid(),
             started_unix_s=self._started_unix_s,
             offers=dict(self.reactor.offers()),
+            checkpoints=dict(self.reactor.checkpoints()),
         )
 
     def metrics(self) -> NodeMetrics:

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar, TypeAlias
 
-from common.messages import LocalMessage, Message
+from common.messages import CheckpointDescription, LocalMessage, Message
 
 AnyMessage: TypeAlias = Message | LocalMessage
 
@@ -31,6 +31,10 @@ class Reactor(ABC):
 
     def offers(self) -> Mapping[str, list[str]]:
         """What this node can serve, e.g. `{"robots": ["panda"]}`."""
+        return {}
+
+    def checkpoints(self) -> Mapping[str, CheckpointDescription]:
+        """Learned policies that it has in memory, by name."""
         return {}
 
     def serves(self, cell: str) -> bool:

@@ -58,6 +58,8 @@ TOPICS: tuple[Topic, ...] = (
     Topic("gripper/state", m.GripperState, "cell", 10, 1, "data", False),
     Topic("camera/stereo", m.StereoFrame, "cell", 10, 1, "data", False),
     Topic("truth", m.GroundTruth, "cell", 10, 1, "data", False),
+    Topic("policy/load", m.PolicyLoad, "node", 0, 8, "data", True),
+    Topic("policy/loaded", m.PolicyLoaded, "node", 0, 8, "data", True),
     Topic("describe", m.NodeDescription, "node", 0, 64, "data", True),
     Topic("metrics", m.NodeMetrics, "node", 1, 8, "background", False),
 )

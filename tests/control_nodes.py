@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -9,6 +10,7 @@ from contextlib import contextmanager
 from common.api import TaskInfo
 from common.bus import Bus, BusSettings, open_session
 from common.messages import (
+    CheckpointDescription,
     Distribution,
     EpisodeAbort,
     EpisodeConfigure,
@@ -16,6 +18,9 @@ from common.messages import (
     EpisodeReady,
     EpisodeResult,
     EpisodeStart,
+    Header,
+    PolicyLoad,
+    PolicyLoaded,
     Problem,
     StageTimes,
     TrialResult,
@@ -64,6 +69,19 @@ def make_picture(header, *, moment: str = "end") -> EpisodePicture:
     )
 
 
+def make_checkpoint(folder: str) -> CheckpointDescription:
+    """A description whose hash follows from the folder."""
+    return CheckpointDescription(
+        sha256=hashlib.sha256(folder.encode()).hexdigest(),
+        folder=folder,
+        method="legato",
+        tasks=["lid"],
+        runtime="none",
+        device="cpu",
+        decoding="most-likely",
+    )
+
+
 class FakeNode(Reactor):
     """Gets ready for every episode that names it."""
 
@@ -94,7 +112,43 @@ class FakeGripper(FakeNode):
 
 
 class FakePolicy(FakeNode):
+    """Loads whatever it is told to, but a folder called `broken`; holds its answer on request."""
+
     kind = "policy"
+    inputs = (*FakeNode.inputs, PolicyLoad)
+
+    def __init__(self, node: str, **fields):
+        super().__init__(node, **fields)
+        self.silent = threading.Event()
+        self.loaded: dict[str, CheckpointDescription] = {}
+
+    def offers(self):
+        return {"policies": sorted({*self._offers["policies"], *self.loaded})}
+
+    def checkpoints(self):
+        return self.loaded
+
+    def handle(self, messages: Sequence[AnyMessage]) -> Iterable[AnyMessage]:
+        yield from super().handle(messages)
+        for message in messages:
+            loads = isinstance(message, PolicyLoad) and message.node == self.node
+            if loads and not self.silent.is_set():
+                yield self._load(message)
+
+    def _load(self, asked: PolicyLoad) -> PolicyLoaded:
+        problem = checkpoint = None
+        if asked.folder == "broken":
+            problem = Problem(code="E-BROKEN", happened="it broke", expected="e", action="a")
+        else:
+            checkpoint = self.loaded[asked.policy] = make_checkpoint(asked.folder)
+        return PolicyLoaded(
+            header=Header(),
+            request=asked.request,
+            node=self.node,
+            policy=asked.policy,
+            checkpoint=checkpoint,
+            problem=problem,
+        )
 
 
 class FakeSim(FakeNode):

@@ -107,6 +107,16 @@ result = st.builds(
 problem = st.builds(
     m.Problem, code=st.text(), happened=st.text(), expected=st.text(), action=st.text()
 )
+checkpoint = st.builds(
+    m.CheckpointDescription,
+    sha256=st.text("0123456789abcdef", min_size=64, max_size=64),
+    folder=st.text(min_size=1, max_size=30),
+    method=name,
+    tasks=st.lists(name, min_size=1, max_size=3),
+    runtime=st.text(max_size=20),
+    device=st.text(max_size=10),
+    decoding=st.sampled_from(["most-likely", "sample"]),
+)
 
 STRATEGIES: dict[type[m.Message], st.SearchStrategy[m.Message]] = {
     m.RobotState: st.builds(
@@ -203,6 +213,23 @@ STRATEGIES: dict[type[m.Message], st.SearchStrategy[m.Message]] = {
     ),
     m.EpisodePicture: picture(),
     m.EpisodeResult: st.builds(m.EpisodeResult, header=header, result=result),
+    m.PolicyLoad: st.builds(
+        m.PolicyLoad,
+        header=header,
+        request=name,
+        node=name,
+        policy=name,
+        folder=st.text(min_size=1, max_size=30),
+    ),
+    m.PolicyLoaded: st.builds(
+        m.PolicyLoaded,
+        header=header,
+        request=name,
+        node=name,
+        policy=name,
+        checkpoint=st.none() | checkpoint,
+        problem=st.none() | problem,
+    ),
     m.NodeDescription: st.builds(
         m.NodeDescription,
         header=header,
@@ -214,6 +241,7 @@ STRATEGIES: dict[type[m.Message], st.SearchStrategy[m.Message]] = {
         pid=step,
         started_unix_s=positive,
         offers=st.dictionaries(name, st.lists(name, max_size=3), max_size=3),
+        checkpoints=st.dictionaries(name, checkpoint, max_size=2),
     ),
     m.NodeMetrics: st.builds(
         m.NodeMetrics,

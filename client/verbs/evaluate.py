@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import os
 import shlex
 import sys
 import threading
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 from client.api import LegatoClient
@@ -18,21 +21,49 @@ from client.report import write_report
 from client.request import build_request, check_request
 from client.tables import format_results
 from common.api import EvaluationRequest
+from common.errors import InvalidValue
 
 CANCEL_S = 3.0
 
 
 def run(command: Eval) -> int:
     """Evaluate, show the results, and tell whether it was interrupted."""
+    command, checkpoints = name_folders(command)
     request = build_request(command, pictures=command.report is not None or not command.in_process)
     if command.in_process:
-        record, interrupted = _run_here(request)
+        record, interrupted = _run_here(request, checkpoints)
         _conclude(command, record)
     else:
         with LegatoClient(command.url) as client:
             record, interrupted = run_over_rest(client, request)
             _conclude(command, record)
     return INTERRUPTED if interrupted else 0
+
+
+def name_folders(command: Eval) -> tuple[Eval, dict[str, Path]]:
+    """Give policies that are folders of checkpoints the names of these folders.
+
+    Returns:
+        The command with names only, and the folders by name.
+
+    Raises:
+        InvalidValue: A folder without `--in-process`, or two of one name.
+    """
+    folders: dict[str, Path] = {}
+    names: list[str] = []
+    for given in command.policy:
+        if os.sep in given:
+            if not command.in_process:
+                known = "a name; first run: legato policy load NAME FOLDER"
+                raise InvalidValue("--policy", given, known)
+            folder = Path(given).absolute()
+            if folder.name in folders:
+                raise InvalidValue("--policy", given, "folders with different names")
+            folders[folder.name] = folder
+            names.append(folder.name)
+        else:
+            names.append(given)
+    return dataclasses.replace(command, policy=tuple(names)), folders
 
 
 def write(command: Report) -> int:
@@ -73,13 +104,15 @@ def _cancel(client: LegatoClient, identifier: str) -> None:
         time.sleep(0.05)
 
 
-def _run_here(request: EvaluationRequest) -> tuple[EvaluationRecord, bool]:
+def _run_here(
+    request: EvaluationRequest, checkpoints: Mapping[str, Path]
+) -> tuple[EvaluationRecord, bool]:
     # Here, because it imports the physics engine and the solvers.
     from client.offline import run_in_process
 
     stop = threading.Event()
     with postpone_interrupts(stop), open_progress() as progress:
-        record = run_in_process(request, progress=progress, stop=stop)
+        record = run_in_process(request, progress=progress, stop=stop, checkpoints=checkpoints)
     return record, stop.is_set()
 
 

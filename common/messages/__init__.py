@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from common.messages.base import Header, Message, Mode, PoseWire, Reply
 from common.messages.camera import StereoFrame
+from common.messages.checkpoint import CheckpointDescription, PolicyLoad, PolicyLoaded
 from common.messages.episode import (
     Distribution,
     EpisodeAbort,
@@ -21,7 +22,7 @@ from common.messages.episode import (
 from common.messages.gripper import GripperState, MotorCommand, MotorState
 from common.messages.local import AskDescription, LocalMessage, NodeDown, NodeUp, Tick
 from common.messages.node import NodeDescription, NodeMetrics
-from common.messages.policy import ActionStep, GroundTruth, PolicyAction
+from common.messages.policy import ActionStep, GroundTruth, Motion, PolicyAction
 from common.messages.robot import RetargetStatus, RobotCommand, RobotState
 
 ALL: tuple[type[Message], ...] = (
@@ -41,6 +42,8 @@ ALL: tuple[type[Message], ...] = (
     EpisodeEvent,
     EpisodePicture,
     EpisodeResult,
+    PolicyLoad,
+    PolicyLoaded,
     NodeDescription,
     NodeMetrics,
 )
@@ -61,6 +64,7 @@ __all__ = [
     "RobotCommand",
     "RetargetStatus",
     "MotorState",
+    "Motion",
     "MotorCommand",
     "GripperState",
     "StereoFrame",
@@ -79,6 +83,9 @@ __all__ = [
     "EpisodeEvent",
     "EpisodePicture",
     "EpisodeResult",
+    "CheckpointDescription",
+    "PolicyLoad",
+    "PolicyLoaded",
     "NodeDescription",
     "NodeMetrics",
 ]

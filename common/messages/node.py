@@ -1,14 +1,18 @@
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from annotated_types import Ge
+from pydantic import Field
 
 from common.messages.base import Message, Name, Natural
+from common.messages.checkpoint import CheckpointDescription
 
 
 class NodeDescription(Message):
     """What a node is and offers; the answer to `describe`."""
+
+    version: ClassVar[int] = 2
 
     kind: Name
     node: Name
@@ -20,6 +24,10 @@ class NodeDescription(Message):
     started_unix_s: Annotated[float, Ge(0)]
     offers: dict[str, list[str]]
     """What it can serve: `robots`, `policies`, `tasks`, `cells`."""
+    checkpoints: dict[Name, CheckpointDescription] = Field(
+        default_factory=dict[Name, CheckpointDescription]
+    )
+    """Which of the policies are learned, and what they are."""
 
 
 class NodeMetrics(Message):

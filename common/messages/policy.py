@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 from annotated_types import Ge, Len
 from pydantic import BaseModel, model_validator
@@ -11,6 +11,16 @@ from common.messages.base import MODEL_CONFIG, Message, PoseWire, Reply, Vector3
 LARGEST_STEP_M = 1.0
 LARGEST_STEP_RAD = math.pi + 1e-6
 """A rotation vector is no longer, but for rounding."""
+
+
+class Motion(BaseModel):
+    """A motion of the gripper in the frame where it begins."""
+
+    model_config = MODEL_CONFIG
+
+    translation_m: Vector3
+    rotation_rad: Vector3
+    """Rotation vector."""
 
 
 class ActionStep(BaseModel):
@@ -26,6 +36,9 @@ class ActionStep(BaseModel):
     """Rotation vector."""
     grasp: bool
     """True = close."""
+    meant: Motion | None = None
+    """What a demonstrator that disturbs itself meant to do instead: what is to be learned. No
+    robot ever executes it."""
 
     @model_validator(mode="after")
     def _is_a_motion(self) -> Self:
@@ -42,6 +55,8 @@ class ActionStep(BaseModel):
 
 class PolicyAction(Reply):
     """What the policy wants next, computed from the frame of tick `for_step`."""
+
+    version: ClassVar[int] = 2
 
     steps: Annotated[list[ActionStep], Len(1, 64)]
     """One step, or a chunk of consecutive ones."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from common.api import PolicyInfo, ServiceInfo
+from common.messages import CheckpointDescription
+from services.control.loads import LoadWaiters
 
 
 class Deployment:
@@ -13,6 +15,7 @@ class Deployment:
     def __init__(self) -> None:
         self.nodes: tuple[ServiceInfo, ...] = ()
         self.waiting: dict[str, tuple[str, ...]] = {}
+        self.loads = LoadWaiters()
 
     def set_waiting(self, evaluation: str, names: Sequence[str]) -> None:
         """Note what an evaluation waits for; nothing ends the note."""
@@ -39,10 +42,16 @@ class Deployment:
     def policies(self) -> list[PolicyInfo]:
         """Policies that running nodes offer, by name."""
         nodes: dict[str, list[str]] = {}
+        checkpoints: dict[str, dict[str, CheckpointDescription]] = {}
         for node in self.ready("policy"):
             for name in node.offers.get("policies", []):
                 nodes.setdefault(name, []).append(node.node)
-        return [PolicyInfo(name=name, nodes=nodes[name]) for name in sorted(nodes)]
+            for name, checkpoint in node.checkpoints.items():
+                checkpoints.setdefault(name, {})[node.node] = checkpoint
+        return [
+            PolicyInfo(name=name, nodes=nodes[name], checkpoints=checkpoints.get(name, {}))
+            for name in sorted(nodes)
+        ]
 
     def missing(self) -> list[str]:
         """Kinds without which nothing can be evaluated and that have no ready node."""

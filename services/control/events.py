@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from common.api import EvaluationRequest, ServiceInfo
-from common.messages import EpisodePicture, LocalMessage, TrialResult
+from common.messages import EpisodePicture, LocalMessage, Problem, TrialResult
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,31 @@ class CancelEvaluation(LocalMessage):
     """Stop an evaluation; what has ended stays."""
 
     evaluation: str
+
+
+@dataclass(frozen=True)
+class LoadPolicy(LocalMessage):
+    """Let a policy service load a checkpoint. Answered by `PolicyLoadEnded`.
+
+    Args:
+        request: Comes back in the answer.
+        node: The policy service.
+        policy: Name under which it serves the checkpoint.
+        folder: On the service's host.
+    """
+
+    request: str
+    node: str
+    policy: str
+    folder: str
+
+
+@dataclass(frozen=True)
+class PolicyLoadEnded(LocalMessage):
+    """A policy service has loaded a checkpoint and said what it offers now, or could not."""
+
+    request: str
+    problem: Problem | None
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from common.api import ServiceInfo
-from common.messages import NodeDescription, NodeMetrics
+from common.messages import NodeDescription, NodeMetrics, PolicyLoad, PolicyLoaded
 
 ROUTER_KIND = "router"
 NODE_KINDS = ("sim", "retarget", "gripper", "policy")
@@ -14,6 +14,7 @@ NODE_KINDS = ("sim", "retarget", "gripper", "policy")
 
 _ASK_AGAIN_NS = 1_000_000_000
 _KEPT_LOST_NODES = 64
+_POLICY_KIND = "policy"
 
 
 @dataclass
@@ -26,11 +27,13 @@ class Node:
     description: NodeDescription | None = None
     metrics: NodeMetrics | None = None
     asked_ns: int | None = None
+    loading: set[str] = field(default_factory=set[str])
+    """Requests to load a checkpoint that it has not answered: what it offers may change."""
 
     @property
     def ready(self) -> bool:
-        """Alive and described."""
-        return self.alive and self.description is not None
+        """Alive, and what it offers is known and stays."""
+        return self.alive and self.description is not None and not self.loading
 
     def offers(self, what: str, name: str) -> bool:
         """Whether it offers, or offered before it was lost, e.g. the robot `panda`."""
@@ -49,6 +52,7 @@ class Node:
             host=None if described is None else described.host,
             pid=None if described is None else described.pid,
             offers={} if described is None else described.offers,
+            checkpoints={} if described is None else described.checkpoints,
             metrics=counters,
         )
 
@@ -79,15 +83,46 @@ class NodeRegistry:
         self._nodes.pop((kind, node), None)
         self._nodes[kind, node] = Node(kind, node)
 
-    def lose(self, kind: str, node: str) -> None:
-        """A node is gone. It stays known, so that a message can name it."""
+    def lose(self, kind: str, node: str) -> set[str]:
+        """A node is gone. It stays known, so that a message can name it.
+
+        Returns:
+            Requests to load a checkpoint that it will not answer.
+        """
+        unanswered = set[str]()
         lost = self._nodes.pop((kind, node), None)
         if lost is not None:
+            unanswered, lost.loading = lost.loading, unanswered
             lost.alive = False
             self._nodes[kind, node] = lost
         gone = [key for key, known in self._nodes.items() if not known.alive]
         for key in gone[:-_KEPT_LOST_NODES]:
             del self._nodes[key]
+        return unanswered
+
+    def begin_load(self, load: PolicyLoad) -> bool:
+        """A policy service is told to load a checkpoint; False if there is no such service."""
+        node = self._nodes.get((_POLICY_KIND, load.node))
+        if node is None or not node.ready:
+            return False
+        node.loading.add(load.request)
+        return True
+
+    def end_load(self, loaded: PolicyLoaded) -> None:
+        """It has answered, and offers what it loaded."""
+        node = self._nodes.get((_POLICY_KIND, loaded.node))
+        if node is None or loaded.request not in node.loading:
+            return
+        node.loading.remove(loaded.request)
+        said, checkpoint = node.description, loaded.checkpoint
+        if said is not None and checkpoint is not None:
+            policies = {*said.offers.get("policies", []), loaded.policy}
+            node.description = said.model_copy(
+                update={
+                    "offers": {**said.offers, "policies": sorted(policies)},
+                    "checkpoints": {**said.checkpoints, loaded.policy: checkpoint},
+                }
+            )
 
     def describe(self, description: NodeDescription) -> None:
         """Take a node's answer."""
@@ -130,17 +165,20 @@ class NodeRegistry:
                 names.append(f"{need.kind} {left[-1]}" if left else str(need))
         return tuple(names)
 
-    def versions(self, nodes: dict[str, str]) -> dict[str, str]:
+    def versions(self, nodes: dict[str, str], *, policy: str) -> dict[str, str]:
         """Code and packages of the nodes of an episode; differing ones are all named.
 
         Args:
             nodes: Kind -> node.
+            policy: Who acts; of a learned one, the hash is a version too.
         """
         found: dict[str, set[str]] = {}
         for key in nodes.items():
             description = self._nodes[key].description
             if description is not None:
                 said = {"legato": description.code_version, **description.packages}
+                if policy in description.checkpoints:
+                    said[f"policy {policy}"] = description.checkpoints[policy].sha256
                 for name, version in said.items():
                     found.setdefault(name, set()).add(version)
         return {name: ", ".join(sorted(versions)) for name, versions in sorted(found.items())}

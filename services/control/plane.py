@@ -8,8 +8,14 @@ from typing import Annotated, Any
 
 from fastapi import Depends, Request
 
-from common.api import Evaluation, EvaluationRequest, ProgressEvent
-from common.errors import ConfigError, NotReady, UnknownName
+from common.api import (
+    Evaluation,
+    EvaluationRequest,
+    PolicyInfo,
+    PolicyLoadRequest,
+    ProgressEvent,
+)
+from common.errors import ConfigError, NotReady, UnknownName, UntrainedTask
 from common.messages import LocalMessage
 from services.control.catalog import Catalog
 from services.control.deployment import Deployment
@@ -92,6 +98,27 @@ class ControlPlane:
         changed = None if trial is None else self.queries.trial(identifier, trial)
         return ProgressEvent(evaluation=self.evaluation(identifier), trial=changed)
 
+    def load_policy(self, name: str, request: PolicyLoadRequest) -> PolicyInfo:
+        """Let policy services load a checkpoint under a name, and wait until they have.
+
+        Raises:
+            LoadRefused: A service cannot load it.
+            NodeTimeout: A service gave no answer.
+            NotReady: No policy service is running.
+            UnknownName: There is no such policy service.
+        """
+        running = [node.node for node in self.deployment.ready("policy")]
+        if not running:
+            raise NotReady("a policy service", self.deployment.running)
+        if request.node is not None and request.node not in running:
+            raise UnknownName("policy service", request.node, running)
+        nodes = running if request.node is None else [request.node]
+        orders = self.deployment.loads.open(name, request.folder, nodes)
+        for order in orders:
+            self.send(order)
+        self.deployment.loads.wait(orders)
+        return next(info for info in self.deployment.policies() if info.name == name)
+
     def _check_names(self, request: EvaluationRequest) -> None:
         errors = list(self._unknown_names(request))
         if errors:
@@ -111,6 +138,15 @@ class ControlPlane:
             for name in names:
                 if name not in known:
                     yield field, UnknownName(kind, name, known)
+        yield from self._untrained_tasks(request)
+
+    def _untrained_tasks(self, request: EvaluationRequest) -> Iterator[tuple[str, ConfigError]]:
+        for info in self.deployment.policies():
+            trained = {task for each in info.checkpoints.values() for task in each.tasks}
+            if info.name in request.policy_names and trained:
+                for task in request.tasks:
+                    if task not in trained:
+                        yield "tasks", UntrainedTask(info.name, task, sorted(trained))
 
     def _check_services(self, request: EvaluationRequest) -> None:
         running = self.deployment.running

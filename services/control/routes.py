@@ -13,6 +13,7 @@ from common.api import (
     Evaluation,
     EvaluationRequest,
     PolicyInfo,
+    PolicyLoadRequest,
     RobotInfo,
     ServiceInfo,
     TaskInfo,
@@ -118,6 +119,12 @@ def get_tasks(plane: Plane) -> list[TaskInfo]:
 def get_policies(plane: Plane) -> list[PolicyInfo]:
     """Policies that running policy services offer."""
     return plane.deployment.policies()
+
+
+@api.put("/policies/{name}")
+def put_policy(name: Name, request: PolicyLoadRequest, plane: Plane) -> PolicyInfo:
+    """Load a checkpoint under a name, or another one in its place; running episodes keep theirs."""
+    return plane.load_policy(name, request)
 
 
 @api.get("/services")

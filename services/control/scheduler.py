@@ -7,17 +7,22 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
+from common.errors import NotReady
 from common.messages import (
     AskDescription,
     EpisodePicture,
     EpisodeReady,
     EpisodeResult,
+    Header,
     LocalMessage,
     Message,
     NodeDescription,
     NodeDown,
     NodeMetrics,
     NodeUp,
+    PolicyLoad,
+    PolicyLoaded,
+    Problem,
     Tick,
 )
 from common.service import AnyMessage, Reactor
@@ -27,8 +32,10 @@ from services.control.events import (
     AttemptStarted,
     CancelEvaluation,
     EvaluationEnded,
+    LoadPolicy,
     NodesChanged,
     PictureArrived,
+    PolicyLoadEnded,
     SubmitEvaluation,
     TrialEnded,
     TrialSpec,
@@ -69,7 +76,14 @@ class Scheduler(Reactor):
     """
 
     kind = "control"
-    inputs = (EpisodeReady, EpisodeResult, EpisodePicture, NodeDescription, NodeMetrics)
+    inputs = (
+        EpisodeReady,
+        EpisodeResult,
+        EpisodePicture,
+        PolicyLoaded,
+        NodeDescription,
+        NodeMetrics,
+    )
     watches_nodes = True
 
     def __init__(
@@ -128,6 +142,10 @@ class Scheduler(Reactor):
                 self._finish_if_empty(run)
             case CancelEvaluation():
                 self._cancel(message.evaluation)
+            case LoadPolicy():
+                self._load(message)
+            case PolicyLoaded():
+                self._take_loaded(message)
             case _:
                 self._take_node_news(message)
 
@@ -137,7 +155,8 @@ class Scheduler(Reactor):
                 self._registry.add(message.kind, message.node)
                 self._ask_undescribed()
             case NodeDown():
-                self._registry.lose(message.kind, message.node)
+                for request in self._registry.lose(message.kind, message.node):
+                    self._refuse_load(request, message.node)
                 self._lose(message.kind, message.node)
             case NodeDescription():
                 self._registry.describe(message)
@@ -211,7 +230,7 @@ class Scheduler(Reactor):
         attempt = Attempt(trial, nodes, self._new_epoch(), now_ns)
         self._attempts[attempt.cell] = attempt
         self._to_bus.append(attempt.configure(run.request))
-        versions = self._registry.versions(nodes)
+        versions = self._registry.versions(nodes, policy=trial.policy)
         self._to_edge.append(
             AttemptStarted(trial, attempt.number, attempt.epoch, attempt.cell, versions)
         )
@@ -250,6 +269,31 @@ class Scheduler(Reactor):
             run = self._runs[attempt.trial.evaluation]
             self._to_edge.append(TrialEnded(attempt.trial, result.outcome, result.reason, result))
             self._finish_if_empty(run)
+
+    def _load(self, order: LoadPolicy) -> None:
+        """Pass an order on to its policy service; trials for it wait until it has answered."""
+        load = PolicyLoad(
+            header=Header(),
+            request=order.request,
+            node=order.node,
+            policy=order.policy,
+            folder=order.folder,
+        )
+        if self._registry.begin_load(load):
+            self._to_bus.append(load)
+        else:
+            self._refuse_load(order.request, order.node)
+
+    def _take_loaded(self, message: PolicyLoaded) -> None:
+        self._registry.end_load(message)
+        # First what is there now, then the word that it is.
+        self._to_edge.append(NodesChanged(self._registry.infos()))
+        self._to_edge.append(PolicyLoadEnded(message.request, message.problem))
+
+    def _refuse_load(self, request: str, node: str) -> None:
+        running = [info.node for info in self._registry.infos() if info.alive]
+        error = NotReady(f"the policy service {node}", running)
+        self._to_edge.append(PolicyLoadEnded(request, Problem(**error.describe())))
 
     def _take_picture(self, message: EpisodePicture) -> None:
         """Pictures come before the result: with it the cell goes on to its next epoch."""

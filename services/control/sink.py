@@ -12,6 +12,7 @@ from services.control.events import (
     EvaluationEnded,
     NodesChanged,
     PictureArrived,
+    PolicyLoadEnded,
     TrialEnded,
     WaitingChanged,
 )
@@ -44,6 +45,8 @@ class ResultSink:
         match event:
             case NodesChanged():
                 self._deployment.nodes = event.nodes
+            case PolicyLoadEnded():
+                self._deployment.loads.put(event)
             case PictureArrived():
                 self._store.add_picture(event)
             case WaitingChanged():

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from common.errors import LegatoError
+from common.errors import InvalidValue, LegatoError, UnknownName
 from common.messages import (
+    CheckpointDescription,
     EpisodeAbort,
     EpisodeConfigure,
     EpisodeReady,
@@ -15,12 +15,16 @@ from common.messages import (
     Header,
     Message,
     PolicyAction,
+    PolicyLoad,
+    PolicyLoaded,
     Problem,
     StereoFrame,
 )
 from common.service import AnyMessage, Reactor
+from services.policy.batches import Acted, act_all
 from services.policy.policy import Observation, Policy
-from services.policy.registry import BUILT_IN, make_policy
+from services.policy.registry import BUILT_IN
+from services.policy.serving.library import Library
 
 
 @dataclass
@@ -28,6 +32,7 @@ class _Cell:
     """State of one cell's policy in one episode."""
 
     policy: Policy
+    configure: EpisodeConfigure
     frame: StereoFrame | None = None
     truth: GroundTruth | None = None
     last_step: int = -1
@@ -37,25 +42,38 @@ class _Cell:
 class PolicyReactor(Reactor):
     """Serves policies.
 
+    Frames of several cells that wait together go through a network together.
+
     Args:
         node: Its name.
-        policies: Name -> maker of a policy.
+        policies: Name -> maker of a policy that comes with the code.
+        library: Learned policies.
     """
 
     kind = "policy"
-    inputs = (EpisodeConfigure, EpisodeAbort, StereoFrame, GroundTruth)
-    packages = ("numpy",)
+    inputs = (EpisodeConfigure, EpisodeAbort, PolicyLoad, StereoFrame, GroundTruth)
+    packages = ("numpy", "onnxruntime")
 
     def __init__(
-        self, *, node: str, policies: Mapping[str, Callable[[], Policy]] = BUILT_IN
+        self,
+        *,
+        node: str,
+        policies: Mapping[str, Callable[[], Policy]] = BUILT_IN,
+        library: Library | None = None,
     ) -> None:
         self.node = node
         self._policies = policies
+        self._library = Library() if library is None else library
         self._cells: dict[str, _Cell] = {}
+        self._due: list[tuple[_Cell, Observation]] = []
 
     def offers(self) -> dict[str, list[str]]:
         """Names of the policies."""
-        return {"policies": sorted(self._policies)}
+        return {"policies": sorted({*self._policies, *self._library.names()})}
+
+    def checkpoints(self) -> Mapping[str, CheckpointDescription]:
+        """The learned ones."""
+        return self._library.describe()
 
     def serves(self, cell: str) -> bool:
         """Only cells whose episode uses this service."""
@@ -65,13 +83,18 @@ class PolicyReactor(Reactor):
         """Take frames and truth, return actions."""
         outputs: list[AnyMessage] = []
         for message in messages:
+            if isinstance(message, StereoFrame | GroundTruth):
+                outputs += self._observe(message)
+                continue
+            # What was observed before belongs to the episodes before.
+            outputs += self._act()
             if isinstance(message, EpisodeConfigure):
                 outputs += self._prepare(message)
             elif isinstance(message, EpisodeAbort):
                 self._cells.pop(message.header.cell, None)
-            elif isinstance(message, StereoFrame | GroundTruth):
-                outputs += self._observe(message)
-        return outputs
+            elif isinstance(message, PolicyLoad) and message.node == self.node:
+                outputs.append(self._load(message))
+        return [*outputs, *self._act()]
 
     def _prepare(self, configure: EpisodeConfigure) -> list[Message]:
         self._cells.pop(configure.header.cell, None)
@@ -79,16 +102,49 @@ class PolicyReactor(Reactor):
             return []
         problem = None
         try:
-            policy = make_policy(configure.policy, self._policies)
+            policy = self._make(configure.policy)
             policy.reset(seed=configure.seed, task=configure.task)
-            self._cells[configure.header.cell] = _Cell(policy)
+            self._cells[configure.header.cell] = _Cell(policy, configure)
+        except LegatoError as error:
+            problem = error
+        return [self._answer(configure, problem)]
+
+    def _make(self, name: str) -> Policy:
+        if name in self._library:
+            return self._library.make_policy(name)
+        if name in self._policies:
+            return self._policies[name]()
+        raise UnknownName("policy", name, self.offers()["policies"])
+
+    def _answer(self, configure: EpisodeConfigure, problem: LegatoError | None) -> EpisodeReady:
+        return EpisodeReady(
+            header=configure.header,
+            node=self.node,
+            kind=self.kind,
+            problem=None if problem is None else Problem(**problem.describe()),
+        )
+
+    def _load(self, asked: PolicyLoad) -> PolicyLoaded:
+        """Load a checkpoint; running episodes keep what they have."""
+        problem = None
+        try:
+            if asked.policy in self._policies:
+                expected = f"a name other than {', '.join(sorted(self._policies))}"
+                raise InvalidValue("policy", asked.policy, expected)
+            self._library.load(asked.policy, asked.folder)
         except LegatoError as error:
             problem = Problem(**error.describe())
-        return [
-            EpisodeReady(header=configure.header, node=self.node, kind=self.kind, problem=problem)
-        ]
+        return PolicyLoaded(
+            header=Header(),
+            request=asked.request,
+            node=self.node,
+            policy=asked.policy,
+            checkpoint=None if problem else self.checkpoints()[asked.policy],
+            problem=problem,
+        )
 
     def _observe(self, message: StereoFrame | GroundTruth) -> list[Message]:
+        """Note what a cell sees; once it sees everything, its policy is due."""
         cell = self._cells.get(message.header.cell)
         if cell is None or message.header.step < cell.last_step:
             return []
@@ -105,25 +161,38 @@ class PolicyReactor(Reactor):
             return []
         if cell.policy.needs_truth and (truth is None or truth.header.step != frame.header.step):
             return []
-        cell.last_step = frame.header.step
-        cell.last_reply = self._act(cell.policy, Observation(frame, truth))
-        return [cell.last_reply]
+        cell.last_step, cell.last_reply = frame.header.step, None
+        self._due.append((cell, Observation(frame, truth)))
+        return []
 
-    def _act(self, policy: Policy, observation: Observation) -> PolicyAction:
-        asked = observation.frame.header
-        started = time.perf_counter()
-        steps = policy.act(observation)
-        inference_s = time.perf_counter() - started
-        return PolicyAction(
-            header=Header(
-                cell=asked.cell,
-                episode=asked.episode,
-                epoch=asked.epoch,
-                step=asked.step,
-                t_sim_s=asked.t_sim_s,
-            ),
-            for_step=asked.step,
-            request_t_mono_ns=asked.t_mono_ns,
-            steps=steps,
-            inference_s=inference_s,
-        )
+    def _act(self) -> list[Message]:
+        """Let the policies act that are due, in the order in which they became so."""
+        due, self._due = self._due, []
+        done = act_all([(cell.policy, observation) for cell, observation in due])
+        outputs: list[Message] = []
+        for (cell, observation), result in zip(due, done, strict=True):
+            if isinstance(result, LegatoError):
+                # Not ready after all: whoever runs the episode ends it with this reason.
+                self._cells.pop(observation.frame.header.cell)
+                outputs.append(self._answer(cell.configure, result))
+            else:
+                cell.last_reply = _reply(observation.frame, result)
+                outputs.append(cell.last_reply)
+        return outputs
+
+
+def _reply(frame: StereoFrame, acted: Acted) -> PolicyAction:
+    asked = frame.header
+    return PolicyAction(
+        header=Header(
+            cell=asked.cell,
+            episode=asked.episode,
+            epoch=asked.epoch,
+            step=asked.step,
+            t_sim_s=asked.t_sim_s,
+        ),
+        for_step=asked.step,
+        request_t_mono_ns=asked.t_mono_ns,
+        steps=acted.steps,
+        inference_s=acted.inference_s,
+    )
