@@ -4,7 +4,7 @@ BIN := .venv/bin
 RUNS := .venv/.runs
 STAMP := .venv/.installed
 
-.PHONY: run test test-long check format bench bench-retarget bench-robosuite clean help
+.PHONY: run test test-long check format bench bench-retarget bench-robosuite bench-inference clean help
 .DEFAULT_GOAL := help
 
 help:   ## list the targets
@@ -51,6 +51,9 @@ bench-retarget: $(STAMP) ## speed and accuracy of the retargeter beside Pink and
 
 bench-robosuite: $(STAMP) ## speed of the full loop beside robosuite, in its own environment
 	$(BIN)/python -m benchmarks.versus_robosuite
+
+bench-inference: $(STAMP) ## speed of a learned policy, for one cell and for eight
+	$(BIN)/python -m benchmarks.inference
 
 clean:  ## remove the environment and results
 	rm -rf .venv .venv-robosuite runs

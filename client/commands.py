@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from tyro.conf import Positional, UseAppendAction
+from tyro.conf import Positional, UseAppendAction, arg
 
 Repeated = UseAppendAction[tuple[str, ...]]
 """Given several times. Its default is filled in by the verb: given values would be added to it."""
@@ -42,6 +42,8 @@ class DemoRecord(Command):
     """Task to demonstrate."""
     robot: str = "abstract"
     """Robot that carries the gripper."""
+    policy: str = "expert"
+    """Who demonstrates: expert, or expert-noisy, which is pushed off its path now and then."""
     episodes: int = 150
     """Successful demonstrations that are wanted."""
     out: Path | None = None
@@ -60,6 +62,50 @@ class DemoRecord(Command):
     """Let actions take effect late; each trial draws its latency, up to this [ms]."""
     randomise_camera: bool = False
     """Vary exposure, vignette and noise of the images, trial by trial."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train(Command):
+    """Train a policy on demonstrations; the same command again goes on where it stopped."""
+
+    task: str = "lid"
+    """Task of the demonstrations."""
+    policy: Literal["legato", "legato-se3", "bc-rnn"] = "legato"
+    """Method; legato-se3 is LEGATO without the motion-invariant loss."""
+    size: Literal["compact", "small", "medium", "large", "paper"] = "compact"
+    """Size of the network; compact trains on two CPU cores."""
+    data: Repeated = ()
+    """Folder of a data set; give it again for more (default: runs/demonstrations/TASK-abstract-0)."""
+    episodes: int | None = None
+    """Use only the first so many of each data set; without it all."""
+    out: Path | None = None
+    """Folder of the run; without it runs/training/TASK-POLICY-SIZE-SEED."""
+    timesteps: int = 1_500_000
+    """Budget in frames, repetitions included."""
+    batch: int = 16
+    """Windows per update, over all processes."""
+    learning_rate: float | None = None
+    """Peak of AdamW's rate; without it 1e-3, for the paper's size 1e-4."""
+    invariant_weight: float | None = None
+    """Weight of the motion-invariant loss; without it that of the size."""
+    window: int = 20
+    """Frames per window; at run time the recurrent state is reset as often."""
+    precision: Literal["bf16", "fp32"] = "bf16"
+    """Of the forward pass; weights are float32."""
+    seed: int = 0
+    """Decides initial weights, windows and variation of the images."""
+    device: str = "auto"
+    """auto, cpu, cuda or cuda:N; under torchrun each process takes its own."""
+    threads: int = 0
+    """Of PyTorch on the CPU; 0 = one per core."""
+    validate_every: int = 500
+    """Updates between two looks at the held-out demonstrations."""
+    evaluate_trials: int = 0
+    """Closed-loop trials at every validation and at the end; 0 = none."""
+    evaluate_robot: Repeated = ()
+    """Robot of those trials; give it again for more (default: abstract)."""
+    tensorboard: bool = False
+    """Also log for TensorBoard, which is the extra `tensorboard`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +157,8 @@ class Eval(Command):
     robot: Repeated = ()
     """Robot; give it again for a grid (default: abstract, panda)."""
     policy: Repeated = ()
-    """Policy; give it again for a grid (default: expert)."""
+    """Policy, or with --in-process also a checkpoint's folder as PATH/NAME; give it again for a
+    grid (default: expert)."""
     trials: int = 5
     """Trials per task, robot and policy."""
     seed: int = 0
@@ -151,6 +198,35 @@ class Report(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
+class PolicyList(Command):
+    """List the policies that running policy services offer."""
+
+    url: str = "http://127.0.0.1:8000"
+    """Where the control plane answers."""
+    json: bool = False
+    """Print one JSON object."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyLoad(Command):
+    """Load a checkpoint into running policy services, without a restart.
+
+    A learned policy of the same name is replaced; running episodes keep what they began with.
+    """
+
+    name: Positional[str]
+    """Name under which evaluations choose it."""
+    folder: Positional[str]
+    """Folder of the checkpoint on the host of the policy service."""
+    node: str | None = None
+    """Policy service (default: all)."""
+    url: str = "http://127.0.0.1:8000"
+    """Where the control plane answers."""
+    json: bool = False
+    """Print one JSON object."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class RobotList(Command):
     """List every robot: joints, mass without gripper, reach at table height."""
 
@@ -180,6 +256,8 @@ class DataView(Command):
     """Also draw images of that episode over time: a PNG file to write."""
     video: Path | None = None
     """Also draw that episode from the task's viewpoint: a .webp, .gif or .png file to write."""
+    meshes: Path | None = None
+    """Copy of MuJoCo Menagerie: the video shows its meshes. Else LEGATO_MENAGERIE, if that is set."""
     json: bool = False
     """Print one JSON object."""
 
@@ -192,6 +270,56 @@ class DataCheck(Command):
     """Folder of the data set."""
     json: bool = False
     """Print one JSON object."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataExport(Command):
+    """Write a data set in another format: robomimic's HDF5 file, or a LeRobotDataset v3.0."""
+
+    folder: Positional[Path]
+    """Folder of the data set."""
+    to: Literal["robomimic", "lerobot"]
+    """Format; what robomimic has can be imported again bit for bit, LeRobot's videos are lossy."""
+    out: Path
+    """File (robomimic) or folder (lerobot) to make."""
+    channels: Literal[1, 3] | None = None
+    """robomimic: of each image (default: 3, the gray level repeated, as robomimic asks for)."""
+    codec: Literal["av1", "h264"] | None = None
+    """lerobot: of the videos (default: av1)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataImport(Command):
+    """Make a data set of a robomimic file; one that LEGATO exported needs no options."""
+
+    file: Positional[Path]
+    """HDF5 file."""
+    from_: Annotated[Literal["robomimic"], arg(name="from")]
+    """Format."""
+    out: Path
+    """Folder of the data set to make."""
+    task: str | None = None
+    """Task that is demonstrated."""
+    robot: str | None = None
+    """Robot that carries the gripper."""
+    camera: str = "t265"
+    """Calibration of the stereo camera."""
+    rate_hz: float = 10.0
+    """Rows per second."""
+    rotations: Literal["vector", "rpy"] | None = None
+    """Of the actions: rotation vectors, or roll-pitch-yaw about fixed x, y, z."""
+    metres: float = 1.0
+    """Metres per unit of the translations."""
+    radians: float = 1.0
+    """Radians per unit of the rotations."""
+    left: str = "left_gray"
+    """Observation with the left eye's images."""
+    right: str = "right_gray"
+    """Observation with the right eye's images."""
+    mirrored: bool = False
+    """The images are mirrored left-right: turn them back."""
+    keep_idle: bool = False
+    """Keep the frames at the start in which nothing is done yet."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,15 +28,20 @@ from common.errors import LegatoError, UnknownName
 VERBS: dict[tuple[str, ...], tuple[type[commands.Command], str]] = {
     ("demo",): (commands.Demo, "demo:run"),
     ("demo", "record"): (commands.DemoRecord, "record:run"),
+    ("train",): (commands.Train, "train:run"),
     ("up",): (commands.Up, "deploy:up"),
     ("down",): (commands.Down, "deploy:down"),
     ("status",): (commands.Status, "deploy:status"),
     ("eval",): (commands.Eval, "evaluate:run"),
     ("report",): (commands.Report, "evaluate:write"),
+    ("policy", "list"): (commands.PolicyList, "policy:show_all"),
+    ("policy", "load"): (commands.PolicyLoad, "policy:load"),
     ("robot", "list"): (commands.RobotList, "robot:show_all"),
     ("robot", "check"): (commands.RobotCheck, "robot:check"),
     ("data", "view"): (commands.DataView, "data:view"),
     ("data", "check"): (commands.DataCheck, "data:check"),
+    ("data", "export"): (commands.DataExport, "convert:write"),
+    ("data", "import"): (commands.DataImport, "convert:read"),
     ("topic", "list"): (commands.TopicList, "topic:list_topics"),
     ("topic", "echo"): (commands.TopicEcho, "topic:echo"),
     ("topic", "hz"): (commands.TopicHz, "topic:measure"),
@@ -164,7 +169,9 @@ def format_help(family: tuple[str, ...] = ()) -> str:
 def _refuse_unknown_options(
     kind: type[commands.Command], arguments: Sequence[str], program: str
 ) -> None:
-    known = ["--help", *("--" + f.name.replace("_", "-") for f in dataclasses.fields(kind))]
+    # `from_` is `--from`: Python keeps the word itself.
+    names = [field.name.rstrip("_") for field in dataclasses.fields(kind)]
+    known = ["--help", *("--" + name.replace("_", "-") for name in names)]
     given = [argument.split("=")[0] for argument in arguments if argument.startswith("--")]
     wrong = [option for option in given if option not in known]
     if not wrong:

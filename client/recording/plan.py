@@ -11,9 +11,9 @@ from client.recording.variation import NOMINAL, Variation
 from client.request import build_request
 from common.api import EvaluationRequest
 from common.datasets import DatasetSpec
-from common.errors import InvalidValue
+from common.errors import InvalidValue, UnknownName
 
-POLICY = "expert"
+DEMONSTRATORS = ("expert", "expert-noisy")
 _MAX_WORKERS = 1024
 
 
@@ -57,7 +57,7 @@ class Plan:
             robot=self.request.robots[0],
             camera=self.request.camera,
             recording={
-                "policy": POLICY,
+                "policy": self.request.policy_names[0],
                 "seed": self.request.seed,
                 "mode": self.request.mode,
                 "keep_failed": self.keep_failed,
@@ -77,10 +77,12 @@ def make_plan(command: DemoRecord) -> Plan:
         raise InvalidValue("--episodes", command.episodes, "at least 1")
     if not 0 <= command.workers <= _MAX_WORKERS:
         raise InvalidValue("--workers", command.workers, f"0 to {_MAX_WORKERS}")
+    if command.policy not in DEMONSTRATORS:
+        raise UnknownName("demonstrator", command.policy, DEMONSTRATORS)
     names = Eval(
         task=(command.task,),
         robot=(command.robot,),
-        policy=(POLICY,),
+        policy=(command.policy,),
         trials=1,
         seed=command.seed,
         camera=command.camera,

@@ -62,21 +62,35 @@ class ExpertPolicy:
         T_next = self._T_world_setpoint
         if self._segment is not None:
             self._step += 1
-            T_next = self._segment.pose(self._step)
-            if self._step >= self._segment.steps:
-                self._segment = None
+            T_next = self._follow(self._segment, self._T_world_setpoint)
         elif self._wait_steps > 0:
             self._wait_steps -= 1
-        translation, rotation = differential(self._T_world_setpoint, T_next)
+        step = self._execute(*differential(self._T_world_setpoint, T_next))
         # Keep what the retargeter will integrate, not what was meant: errors must not add up.
-        self._T_world_setpoint = apply_differential(self._T_world_setpoint, translation, rotation)
-        return [
-            ActionStep(
-                translation_m=translation.tolist(),
-                rotation_rad=rotation.tolist(),
-                grasp=self._grasp,
-            )
-        ]
+        self._T_world_setpoint = apply_differential(
+            self._T_world_setpoint, step.translation_m, step.rotation_rad
+        )
+        if self._segment is not None and self._arrived(self._segment, self._T_world_setpoint):
+            self._segment = None
+        return [step]
+
+    def _follow(self, segment: MinJerkSegment, T_world_setpoint: Array) -> Array:
+        """Where the set-point is to be after this step."""
+        del T_world_setpoint
+        return segment.pose(self._step)
+
+    def _arrived(self, segment: MinJerkSegment, T_world_setpoint: Array) -> bool:
+        """Whether the way has been gone."""
+        del T_world_setpoint
+        return self._step >= segment.steps
+
+    def _execute(self, translation_m: Array, rotation_rad: Array) -> ActionStep:
+        """The step that is made where this one is meant."""
+        return ActionStep(
+            translation_m=translation_m.tolist(),
+            rotation_rad=rotation_rad.tolist(),
+            grasp=self._grasp,
+        )
 
     def _look(self, T_world_tool: Array) -> None:
         """Go on from where the gripper is when that is not where it was sent.

@@ -83,6 +83,10 @@ def _observed(camera: CameraSpec, positions: int) -> tuple[ColumnSpec, ...]:
     return (
         _column("images", "u8", eyes, "-", "stereo pair: left eye first, rows top-down"),
         _column("action", "f64", (6,), "m, rad", "dx dy dz rx ry rz: see action_convention"),
+        _column(
+            *("intended", "f64", (6,), "m, rad"),
+            "what the demonstrator meant to do instead of the action: what is to be learned",
+        ),
         _column("grasp", "u8", (), "-", "grasp of that action: 1 = close"),
         _column("tool_pose", "f64", (7,), _POSE_UNIT, "T_world_tool measured at the frame"),
         _column(

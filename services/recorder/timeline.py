@@ -9,6 +9,7 @@ import numpy as np
 from common.clock import FRAME_TICKS
 from common.datasets import EpisodeRows, Rows
 from common.messages import (
+    ActionStep,
     EpisodeConfigure,
     GripperState,
     GroundTruth,
@@ -104,7 +105,7 @@ class Timeline:
         moments = [moment for moment in self._frames()[skip:] if moment is not None]
         columns = _stack(moments)
         # There is no next set-point; the grasp stays what it is.
-        columns["action"][-1] = 0.0
+        columns["action"][-1] = columns["intended"][-1] = 0.0
         return EpisodeRows(columns)
 
     def _moment(self, step: int) -> Moment:
@@ -148,6 +149,7 @@ def _stack(moments: list[Moment]) -> dict[str, Rows]:
     columns: dict[str, Rows] = {
         "images": np.frombuffer(eyes, np.uint8).reshape(shape),
         "action": _floats([[*step.translation_m, *step.rotation_rad] for step in steps]),
+        "intended": _floats([_list_meant(step) for step in steps]),
         "grasp": _bytes([step.grasp for step in steps]),
         "tool_pose": _floats([truth.T_world_tool for truth in truths]),
         "reference_pose": _floats([moment.reference for moment in moments if moment.reference]),
@@ -160,6 +162,11 @@ def _stack(moments: list[Moment]) -> dict[str, Rows]:
     for name in truths[0].objects:
         columns[object_column(name)] = _floats([truth.objects[name] for truth in truths])
     return columns
+
+
+def _list_meant(step: ActionStep) -> list[float]:
+    motion = step if step.meant is None else step.meant
+    return [*motion.translation_m, *motion.rotation_rad]
 
 
 def _floats(values: list[list[float]] | list[float]) -> Rows:

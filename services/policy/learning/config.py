@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self, TypeAlias
 
-from annotated_types import Ge, Gt, Le, Lt, MultipleOf
+from annotated_types import Ge, Gt, Le, Len, Lt, MultipleOf
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Positive: TypeAlias = Annotated[int, Ge(1)]
@@ -72,6 +72,10 @@ class MlpConfig(Config, frozen=True):
 
     layers: Positive = 3
     width: Positive = 2048
+    layer_norm: bool = False
+    """Normalise each layer before its ReLU: without, many units die in short trainings."""
+    sees_images: bool = False
+    """Give the first layer the encoders' features too, beside the LSTM's output."""
 
 
 class MixtureConfig(Config, frozen=True):
@@ -126,12 +130,25 @@ class GraspLossConfig(Config, frozen=True):
     """Frames on either side of a transition; 0.3 s at 10 Hz."""
 
 
+class FutureLossConfig(Config, frozen=True):
+    """Where the hand will be, said from the images of one moment alone.
+
+    Any demonstration tells it. It teaches the encoders where things are long before the mixture
+    does, whose gradient reaches them through everything else.
+    """
+
+    weight: Weight = 1.0
+    horizons: Annotated[tuple[Positive, ...], Len(1, 8)] = (3, 8, 20)
+    """Steps ahead."""
+
+
 class LossConfig(Config, frozen=True):
     """Weights of the terms; a term that a method does not have is None."""
 
     nll: Weight = 1.0
     grasp: GraspLossConfig | None = None
     invariant: InvariantLossConfig | None = None
+    future: FutureLossConfig | None = None
 
 
 class LegatoLossConfig(LossConfig, frozen=True):

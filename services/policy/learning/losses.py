@@ -1,10 +1,12 @@
 """The losses of the policy.
 
-L = w_nll L_nll + w_grasp L_grasp + w_invar L_invar, each a mean over steps:
+L = w_nll L_nll + w_grasp L_grasp + w_invar L_invar + w_future L_future, means over steps:
 L_nll   = -log sum_k pi_k N(a*; mu_k, diag sigma_k^2)            normalised actions
 L_grasp = binary cross-entropy of the logit, heavier around transitions
 L_invar = sum_k gamma_k |phi(history, mu_k) - phi(history, u*)|^2      mu_k in m and rad,
 gamma_k = pi_k N(a*; mu_k, sigma_k) / p(a*), without gradient
+L_future = mean over horizons h and dimensions of huber((f_h - d_h) / S_h), where the hand is seen to
+be h steps later: d_h = T_t^-1 T_{t+h} as translation and rotation vector, S_h its spread
 
 Why gamma: a sample of a mixture has no gradient, its mean averages modes, and pi would punish modes
 that explain other demonstrations. gamma is the weight with which the gradient of L_nll itself
@@ -37,12 +39,14 @@ class Targets:
         grasp_weight: (B, T) weight of each step in the grasp loss.
         history: (B, T, history_steps of the loss, 6) [m, rad] demonstrated actions before each
             step, oldest first, zero before the start.
+        future: (B, T, horizons, 6) where the hand is seen to be later, in units of its spread.
     """
 
     actions: Tensor
     grasp: Tensor
     grasp_weight: Tensor
     history: Tensor
+    future: Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,7 @@ class LossTerms:
     nll: Tensor
     grasp: Tensor | None
     invariant: Tensor | None
+    future: Tensor | None = None
 
 
 def compute_loss(
@@ -77,7 +82,11 @@ def compute_loss(
             mixture, gamma, targets, config=loss.invariant, statistics=statistics
         )
         total = total + loss.invariant.weight * invariant
-    return LossTerms(total=total, nll=nll, grasp=grasp, invariant=invariant)
+    future = None
+    if loss.future is not None and output.future is not None and targets.future is not None:
+        future = functional.smooth_l1_loss(output.future, targets.future)
+        total = total + loss.future.weight * future
+    return LossTerms(total=total, nll=nll, grasp=grasp, invariant=invariant, future=future)
 
 
 def normalise_targets(targets: Targets, *, statistics: ActionStatistics, head: str) -> Tensor:

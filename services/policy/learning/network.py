@@ -1,7 +1,7 @@
 """The policy network: stereo images and previous actions to a mixture and a grasp.
 
 z_t = [enc_left(I_left), enc_right(I_right), a_{t-T}, ..., a_{t-1}]
-y_t, (h, c)_t = LSTM(z_t, (h, c)_{t-1});  f_t = MLP(y_t);  mixture(f_t), grasp logit(f_t)
+y_t, (h, c)_t = LSTM(z_t, (h, c)_{t-1});  f_t = MLP(y_t), or MLP([y_t, enc_left, enc_right]);  mixture(f_t), grasp logit(f_t)
 """
 
 from __future__ import annotations
@@ -31,10 +31,12 @@ class PolicyOutput:
     Args:
         mixture: Over the normalised action: 6 numbers, or 7 with the grasp as the last.
         grasp_logit: (...) log-odds of a closed gripper; None where the mixture has the grasp.
+        future: (..., horizons, 6) where the hand will be, in units of its spread; in training only.
     """
 
     mixture: Mixture
     grasp_logit: Tensor | None
+    future: Tensor | None = None
 
 
 class PolicyNetwork(nn.Module):
@@ -52,9 +54,13 @@ class PolicyNetwork(nn.Module):
         inputs = EYES * config.encoder.features + POSE_DIMS * config.history.steps
         self.lstm = nn.LSTM(inputs, config.lstm.width, config.lstm.layers, batch_first=True)
         layers: list[nn.Module] = []
-        width = config.lstm.width
+        seen = EYES * config.encoder.features if config.mlp.sees_images else 0
+        width = config.lstm.width + seen
         for _ in range(config.mlp.layers):
-            layers += [nn.Linear(width, config.mlp.width), nn.ReLU()]
+            layers.append(nn.Linear(width, config.mlp.width))
+            if config.mlp.layer_norm:
+                layers.append(nn.LayerNorm(config.mlp.width))
+            layers.append(nn.ReLU())
             width = config.mlp.width
         self.mlp = nn.Sequential(*layers)
         separate = config.head == "separate-grasp"
@@ -65,6 +71,12 @@ class PolicyNetwork(nn.Module):
             std_floor=config.mixture.std_floor,
         )
         self.grasp = nn.Linear(width, 1) if separate else None
+        future = config.loss.future
+        self.future = (
+            None
+            if future is None
+            else nn.Linear(EYES * config.encoder.features, POSE_DIMS * len(future.horizons))
+        )
         # Convolutions on CPU are faster with the channels innermost.
         nn.utils.convert_conv2d_weight_memory_format(self, torch.channels_last)
 
@@ -86,14 +98,30 @@ class PolicyNetwork(nn.Module):
         """
         self._check(images, history)
         batch, steps = images.shape[:2]
-        scaled = images.flatten(0, 1).float() / 255.0
-        seen = torch.cat([self.left(scaled[:, :1]), self.right(scaled[:, 1:])], dim=-1)
+        seen = self.encode(images.flatten(0, 1))
         past = self._hide_history(history).flatten(2)
-        inputs = torch.cat([seen.unflatten(0, (batch, steps)), past.to(seen.dtype)], dim=-1)
+        now = seen.unflatten(0, (batch, steps))
+        inputs = torch.cat([now, past.to(seen.dtype)], dim=-1)
         remembered, after = self.lstm(inputs, state)
+        if self.config.mlp.sees_images:
+            remembered = torch.cat([remembered, now.to(remembered.dtype)], dim=-1)
         features = self.mlp(remembered)
         logit = None if self.grasp is None else self.grasp(features).float().squeeze(-1)
-        return PolicyOutput(self.mixture(features), logit), after
+        future = self.foresee(seen) if self.training else None
+        if future is not None:
+            future = future.unflatten(0, (batch, steps))
+        return PolicyOutput(self.mixture(features), logit, future), after
+
+    def encode(self, images: Tensor) -> Tensor:
+        """(B, 2, px, px) uint8 -> (B, features of both eyes)."""
+        scaled = images.float() / 255.0
+        return torch.cat([self.left(scaled[:, :1]), self.right(scaled[:, 1:])], dim=-1)
+
+    def foresee(self, seen: Tensor) -> Tensor | None:
+        """(B, features of both eyes) -> (B, horizons, 6) where the hand will be, if it is asked."""
+        if self.future is None:
+            return None
+        return self.future(seen).float().unflatten(-1, (-1, POSE_DIMS))
 
     def step(
         self, images: Tensor, history: Tensor, state: RecurrentState

@@ -22,17 +22,23 @@ from typing import Any
 from common.errors import UnknownName
 from services.policy.learning.config import (
     BcRnnConfig,
+    BcRnnLossConfig,
     EncoderConfig,
+    FutureLossConfig,
     HistoryConfig,
     InvariantLossConfig,
     LegatoConfig,
     LegatoLossConfig,
     LegatoSe3Config,
+    LegatoSe3LossConfig,
+    MixtureConfig,
     MlpConfig,
     PolicyConfig,
 )
 
-_COMPACT_WEIGHT = 0.1
+_COMPACT_WEIGHT = 0.02
+_COMPACT_MIXTURE = MixtureConfig(std_floor=0.1)
+"""Demonstrators stand still exactly: with a smaller floor those frames rule the gradient."""
 
 
 _ENCODERS: Mapping[str, EncoderConfig] = MappingProxyType(
@@ -49,20 +55,36 @@ _ENCODERS: Mapping[str, EncoderConfig] = MappingProxyType(
 def _sized(size: str) -> dict[str, Any]:
     """The parts of a config that follow from the size."""
     mlp = MlpConfig(layers=2, width=512) if size == "tiny" else MlpConfig()
+    if size != "paper":
+        mlp = mlp.model_copy(update={"layer_norm": True, "sees_images": True})
     history = HistoryConfig() if size == "paper" else HistoryConfig(steps=0)
-    return {"encoder": _ENCODERS[size], "mlp": mlp, "history": history}
+    sized = {"encoder": _ENCODERS[size], "mlp": mlp, "history": history}
+    return sized if size == "paper" else {**sized, "mixture": _COMPACT_MIXTURE}
 
 
 def _legato(size: str) -> LegatoConfig:
     weight = 1.0 if size == "paper" else _COMPACT_WEIGHT
-    loss = LegatoLossConfig(invariant=InvariantLossConfig(weight=weight))
+    loss = LegatoLossConfig(invariant=InvariantLossConfig(weight=weight), future=_future(size))
     return LegatoConfig(loss=loss, **_sized(size))
+
+
+def _future(size: str) -> FutureLossConfig | None:
+    """The paper has no such loss; compact networks learn to see by it."""
+    return None if size == "paper" else FutureLossConfig()
 
 
 PRESETS: Mapping[str, PolicyConfig] = MappingProxyType(
     {f"legato-{size}": _legato(size) for size in _ENCODERS}
-    | {f"legato-se3-{size}": LegatoSe3Config(**_sized(size)) for size in _ENCODERS}
-    | {f"bc-rnn-{size}": BcRnnConfig(**_sized(size)) for size in _ENCODERS}
+    | {
+        f"legato-se3-{size}": LegatoSe3Config(
+            loss=LegatoSe3LossConfig(future=_future(size)), **_sized(size)
+        )
+        for size in _ENCODERS
+    }
+    | {
+        f"bc-rnn-{size}": BcRnnConfig(loss=BcRnnLossConfig(future=_future(size)), **_sized(size))
+        for size in _ENCODERS
+    }
 )
 
 

@@ -1,0 +1,1 @@
+"""Training of learned policies: data in memory, windows, optimiser, run folder."""

@@ -1,0 +1,72 @@
+"""Where the network is trained, and with whom."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+import torch
+import torch.distributed as dist
+
+from services.policy.training.errors import NoDevice
+
+
+@dataclass(frozen=True)
+class Placement:
+    """This process among those that train together.
+
+    Args:
+        device: Of the network.
+        rank: From 0; rank 0 writes files.
+        world_size: 1 without torchrun.
+    """
+
+    device: torch.device
+    rank: int = 0
+    world_size: int = 1
+
+    @property
+    def leads(self) -> bool:
+        """Whether this process writes and shows."""
+        return self.rank == 0
+
+
+def place(name: str) -> Placement:
+    """The placement that a device name means; under torchrun a process group is opened.
+
+    Args:
+        name: `auto` (CUDA where there is one), `cpu`, `cuda` or `cuda:1`.
+
+    Raises:
+        NoDevice: It is not there.
+    """
+    rank, world_size = int(os.environ.get("RANK", 0)), int(os.environ.get("WORLD_SIZE", 1))
+    device = _choose(name, int(os.environ.get("LOCAL_RANK", 0)))
+    if world_size > 1 and not dist.is_initialized():
+        dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
+    return Placement(device, rank, world_size)
+
+
+def leave() -> None:
+    """Close the process group if there is one."""
+    if dist.is_initialized():
+        dist.destroy_process_group()
+
+
+def _choose(name: str, local_rank: int) -> torch.device:
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    count = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    available = ", ".join(["cpu", *(f"cuda:{n}" for n in range(count))])
+    try:
+        device = torch.device(name)
+    except RuntimeError as error:
+        raise NoDevice(name, available) from error
+    if device.type == "cuda":
+        number = local_rank if device.index is None else device.index
+        if number >= count:
+            raise NoDevice(name, available)
+        return torch.device("cuda", number)
+    if device.type != "cpu":
+        raise NoDevice(name, available)
+    return device

@@ -1,0 +1,98 @@
+"""The log of a run: one JSON object per line, the same as CSV, and a picture of the curves."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+JSONL, CSV, CURVES = "log.jsonl", "log.csv", "curves.png"
+COLUMNS = (
+    "update",
+    "timesteps",
+    "wall_s",
+    "timesteps_per_s",
+    "learning_rate",
+    "gradient_norm",
+    "loss",
+    "nll",
+    "grasp",
+    "invariant",
+    "future",
+    "validation_loss",
+    "validation_nll",
+    "validation_grasp",
+    "validation_invariant",
+    "validation_error_m",
+    "validation_error_rad",
+    "validation_grasp_accuracy",
+    "success_rate",
+)
+
+
+class RunLog:
+    """Appends rows; what follows the update from which a run goes on is cut off.
+
+    Args:
+        folder: Of the run.
+        update: First update that is to come.
+    """
+
+    def __init__(self, folder: Path, *, update: int) -> None:
+        self._folder = folder
+        self.rows = [row for row in _read(folder / JSONL) if _number(row, "update") <= update]
+        (folder / JSONL).write_text("".join(json.dumps(row) + "\n" for row in self.rows))
+        with (folder / CSV).open("w", newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS)
+            writer.writeheader()
+            writer.writerows(self.rows)
+
+    def append(self, row: Mapping[str, float | None]) -> None:
+        """Write a row; every key is one of the columns."""
+        kept = {name: value for name, value in row.items() if value is not None}
+        self.rows.append(kept)
+        with (self._folder / JSONL).open("a") as file:
+            file.write(json.dumps(kept) + "\n")
+        with (self._folder / CSV).open("a", newline="") as file:
+            csv.DictWriter(file, COLUMNS).writerow(kept)
+
+    def draw(self) -> Path:
+        """Draw losses and errors over timesteps."""
+        # Here, because it is needed at the end only and takes a second to import.
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(12, 7), layout="constrained")
+        FigureCanvasAgg(figure)
+        panels = (
+            ("negative log-likelihood", ("nll", "validation_nll")),
+            ("grasp cross-entropy", ("grasp", "validation_grasp")),
+            ("invariant loss", ("invariant", "validation_invariant")),
+            ("error of the likely action [m, rad]", ("validation_error_m", "validation_error_rad")),
+            ("future", ("future",)),
+            ("success rate", ("success_rate",)),
+        )
+        for axes, (title, names) in zip(figure.subplots(2, 3).flat, panels, strict=True):
+            axes.set_title(title)
+            axes.set_xlabel("timesteps")
+            for name in names:
+                points = [(row["timesteps"], row[name]) for row in self.rows if name in row]
+                if points:
+                    axes.plot(*zip(*points, strict=True), label=name)
+                    axes.legend()
+        path = self._folder / CURVES
+        figure.savefig(path, dpi=90)
+        return path
+
+
+def _read(path: Path) -> list[dict[str, float]]:
+    """Complete lines of a log."""
+    if not path.is_file():
+        return []
+    lines = path.read_text().split("\n")[:-1]
+    return [json.loads(line) for line in lines]
+
+
+def _number(row: Mapping[str, float], name: str) -> float:
+    return row.get(name, 0.0)
