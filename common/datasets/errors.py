@@ -7,7 +7,9 @@ StoreError
 ├─ OtherDataset     something else is to be appended than what it holds
 ├─ BadEpisode       an episode that does not fit its columns
 ├─ DatasetInUse     another process is writing to it
-└─ DiskFull         no room for the episode
+├─ DiskFull         no room for the episode
+├─ NotExportable    a data set without what another format needs
+└─ BadForeignFile   a file of another format that cannot be imported
 """
 
 from __future__ import annotations
@@ -122,4 +124,34 @@ class DiskFull(StoreError):
             f"no room for {needed_bytes / 1e6:.1f} MB on the disk of {path}",
             expected=f"the {episodes} episodes before are complete and stay readable",
             action="make room and run the same command again",
+        )
+
+
+class NotExportable(StoreError):
+    """A data set that cannot be written in another format."""
+
+    code = "E-NOT-EXPORTABLE"
+
+    def __init__(self, folder: str, problem: str) -> None:
+        self.folder = folder
+        self.problem = problem
+        super().__init__(
+            f"{folder}: {problem}",
+            expected="expected episodes with images, action (6 values) and grasp",
+            action="look at the data with: legato data view",
+        )
+
+
+class BadForeignFile(StoreError):
+    """A file of another format that is damaged, or is not what it is said to be."""
+
+    code = "E-FOREIGN-FILE"
+
+    def __init__(self, path: str, problem: str, expected: str) -> None:
+        self.path = path
+        self.problem = problem
+        super().__init__(
+            f"{path}: {problem}",
+            expected=f"expected {expected}",
+            action="check the file and the options; the formats are described in docs/data.md",
         )

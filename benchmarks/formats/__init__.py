@@ -1,0 +1,1 @@
+"""Whether others read what LEGATO exports."""

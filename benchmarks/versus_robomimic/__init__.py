@@ -1,0 +1,1 @@
+"""robomimic on exported data: whether it trains, and how fast beside LEGATO."""
