@@ -44,7 +44,7 @@ def run_over_processes(client: LegatoClient, request: EvaluationRequest) -> list
 def stage_shares(result: TrialResult) -> dict[str, float]:
     """Wall milliseconds per 100 ms of simulated time, by stage."""
     per_frame = 100.0 / result.sim_time_s
-    s = result.stages
+    s = result.wall_times
     rest = s.waiting_s - s.solve_s - s.inference_s
     values = (s.physics_s, s.camera_s, s.solve_s, s.inference_s, rest)
     return {name: per_frame * value for name, value in zip(STAGES, values, strict=True)}

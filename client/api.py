@@ -17,6 +17,7 @@ from common.api import (
     Evaluation,
     EvaluationRequest,
     PolicyInfo,
+    PolicyLoadRequest,
     ProblemDetails,
     ProgressEvent,
     RobotInfo,
@@ -27,6 +28,8 @@ from common.api import (
 from common.errors import LinkError
 
 DEFAULT_URL = "http://127.0.0.1:8000"
+LOAD_TIMEOUT_S = 90.0
+"""Longer than the control plane itself waits for a policy service."""
 
 _Answer = TypeVar("_Answer")
 
@@ -112,6 +115,17 @@ class LegatoClient:
     def policies(self) -> list[PolicyInfo]:
         """Policies that running policy services offer."""
         return self._call("GET", "/policies", list[PolicyInfo])
+
+    def load_policy(self, name: str, folder: str, *, node: str | None = None) -> PolicyInfo:
+        """Load a checkpoint of the policy host under a name, in place of one that has it.
+
+        Args:
+            name: What evaluations call it.
+            folder: On the policy host.
+            node: Policy service; without it all that run.
+        """
+        body = PolicyLoadRequest(folder=folder, node=node).model_dump(mode="json")
+        return self._call("PUT", f"/policies/{name}", PolicyInfo, json=body, timeout=LOAD_TIMEOUT_S)
 
     def services(self) -> list[ServiceInfo]:
         """Nodes on the bus."""

@@ -23,6 +23,7 @@ from common.bus import BusSettings, LocalBus, open_session
 from common.errors import InvalidValue, MissingExtra, UntrainedTask
 from common.messages import LocalMessage
 from common.robots import list_robots
+from common.robots.menagerie import find_menagerie
 from common.service import Host, InlineRunner, Reactor, Sink
 from common.tasks import list_tasks
 
@@ -170,7 +171,7 @@ def open_services(
     from services.sim.reactor import SimReactor
 
     nodes: list[tuple[str, Reactor]] = [
-        (CELL, SimReactor(node=CELL)),
+        (CELL, SimReactor(node=CELL, meshes=find_menagerie())),
         ("retarget", RetargetReactor(node="retarget", robots=robots)),
         ("gripper", GripperReactor(node="gripper")),
         ("policy", PolicyReactor(node="policy", library=library)),

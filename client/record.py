@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from client.api import LegatoClient
-from common.api import CellSummary, Evaluation, Trial
+from common.api import CellSummary, Evaluation, StageCounts, Trial
+from common.messages import STAGES, StagesReached
 
 
 @dataclass(frozen=True)
@@ -34,11 +35,13 @@ def load_record(client: LegatoClient, identifier: str) -> EvaluationRecord:
     )
 
 
-def to_json(evaluation: Evaluation) -> dict[str, Any]:
+def to_json(record: EvaluationRecord) -> dict[str, Any]:
     """The result as `legato eval --json` prints it."""
+    evaluation = record.evaluation
     request = evaluation.request
     return {
         "cells": [cell.model_dump(mode="json", exclude={"done"}) for cell in evaluation.cells],
+        "trials": [_trial_to_json(trial) for trial in record.trials],
         "versions": evaluation.versions,
         "seed": request.seed,
         "mode": request.mode,
@@ -46,12 +49,35 @@ def to_json(evaluation: Evaluation) -> dict[str, Any]:
     }
 
 
+def _trial_to_json(trial: Trial) -> dict[str, Any]:
+    named = {"task", "robot", "policy", "index", "seed", "status", "reason"}
+    stages = None if trial.stages is None else trial.stages.model_dump()
+    return {**trial.model_dump(mode="json", include=named), "stages": stages}
+
+
 def describe_success(cell: CellSummary) -> str:
     """Success so far in words, e.g. `96 %  [90-98]`."""
     if cell.success_rate is None:
         return "-"
-    low, high = cell.interval95
-    return f"{cell.success_rate:.0%} [{100 * low:.0f}-{100 * high:.0f}]".replace("%", " %", 1)
+    return describe_rate(cell.success_rate, cell.interval95)
+
+
+def describe_rate(rate: float, interval95: tuple[float, float]) -> str:
+    """A rate with its interval in words, e.g. `96 % [90-98]`."""
+    low, high = interval95
+    return f"{100 * rate:.0f} % [{100 * low:.0f}-{100 * high:.0f}]"
+
+
+def count_stages(stages: StageCounts) -> str:
+    """Trials that reached each of `STAGES`, e.g. `20/19/18/18`."""
+    return "/".join(str(getattr(stages, stage)) for stage in STAGES)
+
+
+def describe_stages(stages: StagesReached | None) -> str:
+    """The stages that a trial reached, e.g. `grasped, lifted`."""
+    if stages is None:
+        return "-"
+    return ", ".join(stages.names) or "nothing"
 
 
 def in_mm(value_m: float | None) -> str:

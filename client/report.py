@@ -12,6 +12,8 @@ from client.album import Strip, choose_strips
 from client.record import (
     EvaluationRecord,
     as_factor,
+    count_stages,
+    describe_stages,
     describe_success,
     in_mm,
     in_ms,
@@ -19,6 +21,7 @@ from client.record import (
 )
 from common.api import CellSummary, Evaluation, EvaluationRequest, Trial
 from common.errors import NotWritable
+from common.messages import STAGES
 
 MOST_OPEN_ROWS = 20
 """A longer table of hashes is folded."""
@@ -95,6 +98,7 @@ def _results(evaluation: Evaluation) -> Iterator[str]:
     yield from _table(
         (
             *("Task", "Robot", "Policy", "Success", "Rate, 95 % interval", "Failed", "Aborted"),
+            " / ".join(STAGES).capitalize(),
             *("Hand error, median [mm]", "p95 [mm]", "Real-time factor"),
         ),
         [_result_row(cell) for cell in evaluation.cells],
@@ -102,6 +106,9 @@ def _results(evaluation: Evaluation) -> Iterator[str]:
     yield (
         '<p class="note">Trial <var>i</var> has the same scene for every robot and policy. '
         "The interval is Wilson's. An aborted trial counts as not successful. "
+        "Stages count the trials that came so far: touched with the grasp closed for 0.2 s, 20 mm "
+        "above the start, all objects as the success test wants them at one moment, all of the "
+        "success test held at one moment; success takes 0.5 s of it. "
         "The hand error is the distance between where the gripper should be and where it is; "
         "the table shows medians over trials of each trial's median and 95th percentile.</p>"
     )
@@ -120,7 +127,7 @@ def _result_row(cell: CellSummary) -> tuple[str, ...]:
         *(escape(cell.task), f"<b>{escape(cell.robot)}</b>", escape(cell.policy)),
         f"{cell.successes}/{cell.trials}",
         bar + escape(describe_success(cell)),
-        *(str(cell.failures), str(cell.aborted)),
+        *(str(cell.failures), str(cell.aborted), count_stages(cell.stages)),
         *(in_mm(cell.median_hand_error_m), in_mm(cell.p95_hand_error_m)),
         escape(as_factor(cell.real_time_factor)),
     )
@@ -193,13 +200,14 @@ def _failures(trials: list[Trial]) -> Iterator[str]:
                 *(escape(trial.task), f"<b>{escape(trial.robot)}</b>", escape(trial.policy)),
                 *(str(trial.index), str(trial.seed)),
                 f'<span class="{trial.status}">{trial.status}</span>',
-                *(time_s, escape(trial.reason), escape("; ".join(conditions)) or "-"),
+                *(time_s, describe_stages(trial.stages)),
+                *(escape(trial.reason), escape("; ".join(conditions)) or "-"),
             )
         )
     yield from _table(
         (
             *("Task", "Robot", "Policy", "Trial", "Seed", "Outcome", "Simulated time [s]"),
-            *("Reason", "Failed conditions"),
+            *("Reached", "Reason", "Failed conditions"),
         ),
         rows,
     )

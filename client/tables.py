@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from client.record import as_factor, describe_success, in_mm
+from client.record import as_factor, count_stages, describe_success, in_mm
 from common.api import Evaluation, ServiceInfo
+from common.messages import STAGES
 
 
 def format_table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -22,12 +23,14 @@ def format_results(evaluation: Evaluation) -> str:
     return format_table(
         (
             *("task", "robot", "policy", "success", "rate [95 %]", "failed", "aborted"),
+            "/".join(STAGES),
             *("hand error median mm", "p95 mm", "real time"),
         ),
         [
             (
                 *(cell.task, cell.robot, cell.policy, f"{cell.successes}/{cell.trials}"),
                 *(describe_success(cell), str(cell.failures), str(cell.aborted)),
+                count_stages(cell.stages),
                 *(in_mm(cell.median_hand_error_m), in_mm(cell.p95_hand_error_m)),
                 as_factor(cell.real_time_factor),
             )

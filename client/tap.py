@@ -10,7 +10,7 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from common.bus import Bus, BusSettings, Inbox, Received, open_session
+from common.bus import Bus, BusSettings, Handed, Inbox, Received, open_session
 from common.topics import Topic
 
 ROUTER_WAIT_S = 2.0
@@ -44,11 +44,11 @@ class RateTap(Inbox):
         self._guard = threading.Lock()
         self._seen_ns: dict[tuple[str, str], list[int]] = {}
 
-    def put(self, received: Received) -> None:
+    def put(self, item: Received | Handed) -> None:
         """Note one message. Runs on Zenoh's thread."""
         now_ns = time.monotonic_ns()
         with self._guard:
-            self._seen_ns.setdefault((received.topic.name, received.key), []).append(now_ns)
+            self._seen_ns.setdefault((item.topic.name, item.key), []).append(now_ns)
 
     def rates(self, topic: Topic, *, duration_s: float) -> list[Rate]:
         """Rates of every key of a topic."""
@@ -67,10 +67,12 @@ class QueueTap(Inbox):
         self._queue: queue.Queue[Received] = queue.Queue(_MOST_WAITING)
         self.lost = 0
 
-    def put(self, received: Received) -> None:
+    def put(self, item: Received | Handed) -> None:
         """Keep one message. Runs on Zenoh's thread, so it never waits."""
+        if isinstance(item, Handed):
+            raise TypeError("a tap listens to other processes, whose messages come as bytes")
         try:
-            self._queue.put_nowait(received)
+            self._queue.put_nowait(item)
         except queue.Full:
             self.lost += 1
 

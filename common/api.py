@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from annotated_types import Ge, Le, Len
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, model_validator
 
-from common.messages import CheckpointDescription, Mode, TrialResult
+from common.messages import CheckpointDescription, Mode, StagesReached, TrialResult
 from common.messages.base import Name
 from common.messages.checkpoint import FolderPath
 
@@ -62,6 +62,17 @@ class EvaluationRequest(BaseModel):
         return list(self.policies) if self.policies is not None else [str(self.policy)]
 
 
+class StageCounts(BaseModel):
+    """How many trials reached each stage; `StagesReached` says what the stages mean."""
+
+    model_config = _CONFIG
+
+    grasped: int
+    lifted: int
+    placed: int
+    released: int
+
+
 class CellSummary(BaseModel):
     """One task × robot × policy of the grid, over the trials that have ended so far.
 
@@ -87,6 +98,8 @@ class CellSummary(BaseModel):
     success_rate: float | None
     interval95: tuple[float, float]
     """Wilson interval of the success rate."""
+    stages: StageCounts
+    """Over the trials with a result."""
     median_hand_error_m: float | None
     p95_hand_error_m: float | None
     mean_hand_scaling: float | None
@@ -151,6 +164,11 @@ class Trial(BaseModel):
     result: TrialResult | None
     pictures: list[str]
     """Names; fetch them under `/evaluations/{id}/trials/{trial}/pictures/{name}`."""
+
+    @property
+    def stages(self) -> StagesReached | None:
+        """How far it came, once there is a result."""
+        return None if self.result is None else self.result.stages
 
 
 class ProgressEvent(BaseModel):

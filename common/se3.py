@@ -188,5 +188,5 @@ def apply_differential(
 def distance(T_a_b: Array, T_a_c: Array) -> tuple[float, float]:
     """Distance [m] and angle [rad] between two poses given in one frame."""
     d = (T_a_b[:3, 3] - T_a_c[:3, 3]).tolist()
-    w = log3(T_a_b[:3, :3].T @ T_a_c[:3, :3]).tolist()
+    w = log_quat(quat_from_matrix(T_a_b[:3, :3].T @ T_a_c[:3, :3]))
     return math.hypot(*d), math.hypot(*w)

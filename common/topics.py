@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 from common import messages as m
@@ -38,6 +39,11 @@ class Topic:
     depth: int
     priority: Priority
     lossless: bool
+
+    @cached_property
+    def is_control(self) -> bool:
+        """Whether it starts, ends or reports episodes: every node hears these of every cell."""
+        return self.name.startswith("episode/")
 
 
 TOPICS: tuple[Topic, ...] = (

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from common.api import Attempt, CellSummary, Evaluation, EvaluationRequest, ServiceInfo, Trial
-from common.messages import Distribution, StageTimes, TrialResult
+from common.api import (
+    Attempt,
+    CellSummary,
+    Evaluation,
+    EvaluationRequest,
+    ServiceInfo,
+    StageCounts,
+    Trial,
+)
+from common.messages import Distribution, StagesReached, TrialResult, WallTimes
 
 WHEN = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 SHA = "ab" * 32
@@ -31,6 +39,9 @@ def make_result(*, outcome="success", reason="placed", failed=()) -> TrialResult
         ticks=840,
         sim_time_s=8.4,
         wall_time_s=0.84,
+        stages=StagesReached(
+            grasped=True, lifted=True, placed=outcome == "success", released=outcome == "success"
+        ),
         goal_distance_m=0.01,
         hand_error_m=spread,
         hand_error_rad=spread,
@@ -40,7 +51,9 @@ def make_result(*, outcome="success", reason="placed", failed=()) -> TrialResult
         solver_failures=0,
         solve_time_s=spread,
         inference_s=spread,
-        stages=StageTimes(physics_s=0.1, camera_s=0.1, waiting_s=0.1, solve_s=0.1, inference_s=0.1),
+        wall_times=WallTimes(
+            physics_s=0.1, camera_s=0.1, waiting_s=0.1, solve_s=0.1, inference_s=0.1
+        ),
         held_ticks=0,
         missed_frames=0,
         resends=0,
@@ -93,6 +106,7 @@ def make_cell(robot="panda", **fields) -> CellSummary:
         "aborted": 0,
         "success_rate": 0.5,
         "interval95": (0.095, 0.905),
+        "stages": StageCounts(grasped=2, lifted=2, placed=1, released=1),
         "median_hand_error_m": 0.0012,
         "p95_hand_error_m": 0.0047,
         "mean_hand_scaling": 0.998,

@@ -22,8 +22,9 @@ from common.messages import (
     PolicyLoad,
     PolicyLoaded,
     Problem,
-    StageTimes,
+    StagesReached,
     TrialResult,
+    WallTimes,
 )
 from common.service import AnyMessage, Host, InlineRunner, Reactor
 from services.control.catalog import Catalog, Robot
@@ -46,6 +47,7 @@ def make_result(outcome: str = "success", reason: str = "lid closed", *, seed: i
         ticks=500,
         sim_time_s=5.0,
         wall_time_s=0.5,
+        stages=StagesReached(grasped=True, lifted=True, placed=True, released=True),
         goal_distance_m=0.001,
         hand_error_m=spread,
         hand_error_rad=spread,
@@ -55,7 +57,9 @@ def make_result(outcome: str = "success", reason: str = "lid closed", *, seed: i
         solver_failures=1,
         solve_time_s=spread,
         inference_s=spread,
-        stages=StageTimes(physics_s=0.1, camera_s=0.1, waiting_s=0.3, solve_s=0.1, inference_s=0.1),
+        wall_times=WallTimes(
+            physics_s=0.1, camera_s=0.1, waiting_s=0.3, solve_s=0.1, inference_s=0.1
+        ),
         held_ticks=0,
         missed_frames=0,
         resends=0,

@@ -82,6 +82,13 @@ result = st.builds(
     ticks=step,
     sim_time_s=positive,
     wall_time_s=positive,
+    stages=st.builds(
+        m.StagesReached,
+        grasped=st.booleans(),
+        lifted=st.booleans(),
+        placed=st.booleans(),
+        released=st.booleans(),
+    ),
     goal_distance_m=positive,
     hand_error_m=distribution,
     hand_error_rad=distribution,
@@ -91,8 +98,8 @@ result = st.builds(
     solver_failures=step,
     solve_time_s=distribution,
     inference_s=distribution,
-    stages=st.builds(
-        m.StageTimes,
+    wall_times=st.builds(
+        m.WallTimes,
         physics_s=finite,
         camera_s=finite,
         waiting_s=finite,
@@ -170,6 +177,8 @@ STRATEGIES: dict[type[m.Message], st.SearchStrategy[m.Message]] = {
                 translation_m=vector(3, st.floats(-0.5, 0.5)),
                 rotation_rad=vector(3, st.floats(-1.8, 1.8)),
                 grasp=st.booleans(),
+                meant=st.none()
+                | st.builds(m.Motion, translation_m=vector(3), rotation_rad=vector(3)),
             ),
             min_size=1,
             max_size=4,

@@ -118,7 +118,7 @@ def _run_here(
 
 def _conclude(command: Eval, record: EvaluationRecord) -> None:
     if command.json:
-        sys.stdout.write(json.dumps(to_json(record.evaluation)) + "\n")
+        sys.stdout.write(json.dumps(to_json(record)) + "\n")
     else:
         sys.stdout.write(format_results(record.evaluation) + "\n")
     if command.report is not None:

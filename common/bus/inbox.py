@@ -10,10 +10,10 @@ import queue
 import threading
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from common.messages import Message
-from common.topics import TOPICS, Topic
+from common.topics import TOPICS, Topic, owner_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,13 +25,18 @@ class Received:
     encoding: str
     payload: bytes
 
+    @property
+    def owner(self) -> str:
+        """Cell or node whose key it came on."""
+        return owner_of(self.topic, self.key)
 
-@dataclass(frozen=True, slots=True)
-class Handed:
+
+class Handed(NamedTuple):
     """A message of this very process, handed over as it is."""
 
     topic: Topic
     key: str
+    owner: str
     message: Message
 
 
@@ -57,13 +62,17 @@ class Inbox:
             # Keep the table's order: episode control is read before what it concerns.
             self._slots = {t.name: self._slots.get(t.name, {}) for t in TOPICS if t.name in opened}
 
-    def put(self, received: Received) -> None:
-        """Store bytes from the bus. Safe in a Zenoh callback: the lock is held for a swap only."""
-        self._store(received)
-
-    def hand(self, handed: Handed) -> None:
-        """Store a message of this process."""
-        self._store(handed)
+    def put(self, item: Received | Handed) -> None:
+        """Store a message. Safe in a Zenoh callback: the lock is held for a swap only."""
+        with self._lock:
+            by_key = self._slots[item.topic.name]
+            slot = by_key.get(item.key)
+            if slot is None:
+                slot = by_key[item.key] = deque(maxlen=item.topic.depth)
+            if len(slot) == item.topic.depth:
+                self.superseded += 1
+            slot.append(item)
+            self._signal()
 
     def put_event(self, event: Any) -> None:
         """Store something that must not be lost: a liveliness change, a request, a command."""
@@ -96,17 +105,6 @@ class Inbox:
                         received.extend(slot)
                     by_key.clear()
         return events, received
-
-    def _store(self, item: Received | Handed) -> None:
-        with self._lock:
-            by_key = self._slots[item.topic.name]
-            slot = by_key.get(item.key)
-            if slot is None:
-                slot = by_key[item.key] = deque(maxlen=item.topic.depth)
-            if len(slot) == item.topic.depth:
-                self.superseded += 1
-            slot.append(item)
-            self._signal()
 
     def _signal(self) -> None:
         if not self._signalled:

@@ -22,6 +22,14 @@ class _Listener:
     inbox: Inbox
 
 
+@dataclass(frozen=True)
+class _Route:
+    """Who hears a topic of one cell or node, until somebody begins or ends to listen."""
+
+    key: str
+    inboxes: tuple[Inbox, ...]
+
+
 class LocalBus(Bus):
     """Hands messages over as they are; liveliness and descriptions still go through Zenoh.
 
@@ -34,7 +42,7 @@ class LocalBus(Bus):
     def __init__(self, session: zenoh.Session) -> None:
         super().__init__(session)
         self._listeners: defaultdict[str, list[_Listener]] = defaultdict(list)
-        self._names: dict[tuple[str, str], str] = {}
+        self._routes: dict[tuple[str, str], _Route] = {}
 
     def publish(self, message: Message, *, owner: str, mode: Mode) -> None:
         """Put a message into the inbox of everybody who hears its topic.
@@ -46,17 +54,18 @@ class LocalBus(Bus):
         """
         del mode
         topic = topic_of(type(message))
-        handed = None
-        for listener in self._listeners[topic.name]:
-            if listener.owner in ("*", owner):
-                handed = handed or Handed(topic, self._name(topic, owner), message)
-                listener.inbox.hand(handed)
+        route = self._routes.get((topic.name, owner)) or self._find_route(topic, owner)
+        if route.inboxes:
+            handed = Handed(topic, route.key, owner, message)
+            for inbox in route.inboxes:
+                inbox.put(handed)
 
     def subscribe(self, topic: Topic, inbox: Inbox, *, owner: str = "*") -> Subscription:
         """Let every message of a topic, of one cell or of all, fall into an inbox."""
         inbox.open_topic(topic)
         listener = _Listener(topic, owner, inbox)
         self._listeners[topic.name].append(listener)
+        self._routes.clear()
         return Subscription(listener)
 
     def unsubscribe(self, subscription: Subscription) -> None:
@@ -65,9 +74,15 @@ class LocalBus(Bus):
         self._listeners[listener.topic.name] = [
             each for each in self._listeners[listener.topic.name] if each is not listener
         ]
+        self._routes.clear()
 
-    def _name(self, topic: Topic, owner: str) -> str:
-        name = self._names.get((topic.name, owner))
-        if name is None:
-            name = self._names[topic.name, owner] = key_of(topic, owner)
-        return name
+    def _find_route(self, topic: Topic, owner: str) -> _Route:
+        route = self._routes[topic.name, owner] = _Route(
+            key_of(topic, owner),
+            tuple(
+                listener.inbox
+                for listener in self._listeners[topic.name]
+                if listener.owner in ("*", owner)
+            ),
+        )
+        return route

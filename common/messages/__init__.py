@@ -6,6 +6,7 @@ from common.messages.base import Header, Message, Mode, PoseWire, Reply
 from common.messages.camera import StereoFrame
 from common.messages.checkpoint import CheckpointDescription, PolicyLoad, PolicyLoaded
 from common.messages.episode import (
+    STAGES,
     Distribution,
     EpisodeAbort,
     EpisodeConfigure,
@@ -16,8 +17,9 @@ from common.messages.episode import (
     EpisodeStart,
     Outcome,
     Problem,
-    StageTimes,
+    StagesReached,
     TrialResult,
+    WallTimes,
 )
 from common.messages.gripper import GripperState, MotorCommand, MotorState
 from common.messages.local import AskDescription, LocalMessage, NodeDown, NodeUp, Tick
@@ -74,7 +76,9 @@ __all__ = [
     "Problem",
     "Outcome",
     "Distribution",
-    "StageTimes",
+    "STAGES",
+    "StagesReached",
+    "WallTimes",
     "TrialResult",
     "EpisodeConfigure",
     "EpisodeReady",

@@ -78,6 +78,10 @@ class Header(BaseModel):
     t_sim_s: float = 0.0
     t_mono_ns: Natural = 0
 
+    def at(self, step: int, t_sim_s: float) -> Self:
+        """The header of another moment of the same episode; sender and time are the runner's."""
+        return _replaced(self, step=step, t_sim_s=t_sim_s)
+
 
 class Message(BaseModel):
     """A typed message. `version` rises whenever a field changes."""
@@ -98,6 +102,18 @@ class Message(BaseModel):
         return _replaced(self, header=header)
 
 
+# All that a model holds, past the check that frozen ones make of every assignment.
+_set_fields, _set_fields_set, _set_extra, _set_private = (
+    vars(BaseModel)[slot].__set__
+    for slot in (
+        "__dict__",
+        "__pydantic_fields_set__",
+        "__pydantic_extra__",
+        "__pydantic_private__",
+    )
+)
+
+
 def _replaced(model: Model, **changes: object) -> Model:
     """A copy with other values of some fields, which are known to be valid.
 
@@ -105,10 +121,10 @@ def _replaced(model: Model, **changes: object) -> Model:
     attributes, extra fields); this runs for every message.
     """
     copy = object.__new__(type(model))
-    object.__setattr__(copy, "__dict__", {**model.__dict__, **changes})
-    object.__setattr__(copy, "__pydantic_fields_set__", model.__pydantic_fields_set__)
-    object.__setattr__(copy, "__pydantic_extra__", None)
-    object.__setattr__(copy, "__pydantic_private__", None)
+    _set_fields(copy, model.__dict__ | changes)
+    _set_fields_set(copy, model.__pydantic_fields_set__)
+    _set_extra(copy, None)
+    _set_private(copy, None)
     return copy
 
 

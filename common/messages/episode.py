@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Final, Literal, Self
 
 from annotated_types import Ge, Gt, Le, Len
 from pydantic import BaseModel, Field, model_validator
@@ -104,8 +104,31 @@ class Distribution(BaseModel):
     largest: float
 
 
-class StageTimes(BaseModel):
-    """Wall time the cell's owner spent per stage over the episode [s]."""
+class StagesReached(BaseModel):
+    """How far an episode came at its best; a stage that was reached stays reached."""
+
+    model_config = MODEL_CONFIG
+
+    grasped: bool
+    """The moved object was touched while the grasp was closed, for 0.2 s."""
+    lifted: bool
+    """Grasped as above, and at least 20 mm above where it started."""
+    placed: bool
+    """At one tick the objects were as the success test wants them, whatever the hand did."""
+    released: bool
+    """All of the success test held at one tick; success takes 0.5 s of it."""
+
+    @property
+    def names(self) -> list[str]:
+        """Those that were reached, in order."""
+        return [name for name in STAGES if getattr(self, name)]
+
+
+STAGES: Final = tuple(StagesReached.model_fields)
+
+
+class WallTimes(BaseModel):
+    """Where the wall time of the cell's owner went over the episode [s]."""
 
     model_config = MODEL_CONFIG
 
@@ -131,6 +154,7 @@ class TrialResult(BaseModel):
     ticks: Natural
     sim_time_s: Annotated[float, Ge(0)]
     wall_time_s: Annotated[float, Ge(0)]
+    stages: StagesReached
     goal_distance_m: Annotated[float, Ge(0)]
     """Smallest distance between the moved object and its goal over the episode."""
     hand_error_m: Distribution
@@ -145,7 +169,7 @@ class TrialResult(BaseModel):
     """Ticks in which the retargeter fell back to a feasible default."""
     solve_time_s: Distribution
     inference_s: Distribution
-    stages: StageTimes
+    wall_times: WallTimes
     held_ticks: Natural
     """Real time: ticks without a command young enough."""
     missed_frames: Natural
@@ -158,6 +182,6 @@ class TrialResult(BaseModel):
 class EpisodeResult(Message):
     """How an episode ended. The owner of the cell sends exactly one per epoch."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     result: TrialResult

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -83,6 +84,11 @@ class Leg:
             p_world_foot=np.array(spec.foothold),
         )
 
+    @cached_property
+    def _segments(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Length [m] and angle [rad] of thigh and shank."""
+        return _hanging(self.thigh_m), _hanging(self.shank_m)
+
     def solve(self, p_world_body: Array, R_world_body: Array) -> tuple[float, float, float]:
         """Hip roll, hip pitch and knee [rad] that put the foot on its foothold, knee backwards.
 
@@ -115,8 +121,7 @@ class Leg:
         if w_squared <= 0.0:
             raise FootholdOutOfReach(self.name, (x, y, z), "it is beside the hip, not below it")
         w = math.sqrt(w_squared)
-        L1, b1 = _hanging(self.thigh_m)
-        L2, b2 = _hanging(self.shank_m)
+        (L1, b1), (L2, b2) = self._segments
         cos_k = (x * x + w_squared - L1 * L1 - L2 * L2) / (2.0 * L1 * L2)
         if abs(cos_k) > 1.0:
             reach = f"{abs(L1 - L2):.3f} to {L1 + L2:.3f} m"

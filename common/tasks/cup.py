@@ -99,19 +99,22 @@ class CupTask:
         x, y, z = T_cabinet_cup[:3, 3].tolist()
         T_cup_world = invert(cup.T_world_object)
         clearance = min((_clearance(T_cup_world @ T) for T in state.T_world_pads), default=math.inf)
-        conditions = {
+        hand = {
             "grasp is open": not state.grasp,
             "robot does not touch the cup": "cup" not in state.touching_robot,
+            "finger pads at least 50 mm from the cup": clearance >= 0.05,
+        }
+        objects = {
             "cup is at rest": norm(cup.velocity_m_s) < 0.05 and norm(cup.velocity_rad_s) < 0.5,
             "cup within 150 mm of the cabinet's middle": abs(x) <= 0.15,
             "cup 50 mm behind to 90 mm before the cabinet's middle": -0.05 <= y <= 0.09,
             "cup 90..110 mm below the cabinet's centre": -0.11 <= z <= -0.09,
             "cup tilted at most 10 deg": tilt_of(cup.T_world_object) <= math.radians(10.0),
             "cabinet tilted at most 5 deg": tilt_of(cabinet.T_world_object) <= math.radians(5.0),
-            "finger pads at least 50 mm from the cup": clearance >= 0.05,
         }
-        return Judgement(
-            failed=tuple(name for name, met in conditions.items() if not met),
+        return Judgement.of(
+            hand=hand,
+            objects=objects,
             goal_distance_m=norm(T_cabinet_cup[:3, 3] - [0.0, PLACE_Y_M, STANDING_Z_M]),
             lost=(
                 "the cup fell off the table"

@@ -86,9 +86,11 @@ class LadleTask:
         ladle, case = state.objects["ladle"], state.objects["case"]
         outside = centres_outside_m(invert(case.T_world_object) @ ladle.T_world_object)
         case_shift = case.T_world_object[:3, 3] - state.initial["case"].T_world_object[:3, 3]
-        conditions = {
+        hand = {
             "grasp is open": not state.grasp,
             "robot does not touch the ladle": "ladle" not in state.touching_robot,
+        }
+        objects = {
             "ladle is at rest": norm(ladle.velocity_m_s) < 0.05
             and norm(ladle.velocity_rad_s) < 0.5,
             "handle in the case": outside["handle"] == 0.0,
@@ -96,8 +98,9 @@ class LadleTask:
             "case moved at most 50 mm": norm(case_shift) <= 0.050,
             "case tilted at most 5 deg": tilt_of(case.T_world_object) <= math.radians(5.0),
         }
-        return Judgement(
-            failed=tuple(name for name, met in conditions.items() if not met),
+        return Judgement.of(
+            hand=hand,
+            objects=objects,
             goal_distance_m=max(outside.values()),
             lost=(
                 "the ladle fell off the table"

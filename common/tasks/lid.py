@@ -119,9 +119,11 @@ class LidTask:
         T_pot_lid = invert(pot.T_world_object) @ lid.T_world_object
         x, y, z = T_pot_lid[:3, 3].tolist()
         pot_shift = (pot.T_world_object[:3, 3] - pot_start[:3, 3]).tolist()
-        conditions = {
+        hand = {
             "grasp is open": not state.grasp,
             "robot does not touch the lid": "lid" not in state.touching_robot,
+        }
+        objects = {
             "lid is at rest": norm(lid.velocity_m_s) < 0.05 and norm(lid.velocity_rad_s) < 0.5,
             "lid within 12 mm of the pot axis": math.hypot(x, y) <= 0.012,
             "lid 85..95 mm above the pot origin": 0.085 <= z <= 0.095,
@@ -130,8 +132,9 @@ class LidTask:
             "pot moved at most 50 mm sideways": math.hypot(*pot_shift[:2]) <= 0.050,
             "pot moved at most 10 mm in height": abs(pot_shift[2]) <= 0.010,
         }
-        return Judgement(
-            failed=tuple(name for name, met in conditions.items() if not met),
+        return Judgement.of(
+            hand=hand,
+            objects=objects,
             goal_distance_m=math.hypot(x, y, z - SEATED_HEIGHT_M),
             lost=(
                 "the lid fell off the table"

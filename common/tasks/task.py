@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -48,17 +48,50 @@ class TaskState:
 
 @dataclass(frozen=True)
 class Judgement:
-    """The success test at one tick: which conditions fail, and how far the goal is."""
+    """The success test at one tick: which conditions fail, and how far the goal is.
 
-    failed: tuple[str, ...]
+    Args:
+        failed_by_hand: Conditions on the hand (grasp, touch, distance) that are not met.
+        failed_by_objects: Conditions on where objects are and how they move that are not met.
+        goal_distance_m: Distance from the moved object to its goal.
+        lost: Why the episode cannot succeed any more, or None.
+    """
+
+    failed_by_hand: tuple[str, ...]
+    failed_by_objects: tuple[str, ...]
     goal_distance_m: float
     lost: str | None = None
-    """Why the episode cannot succeed any more, or None."""
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        hand: Mapping[str, bool],
+        objects: Mapping[str, bool],
+        goal_distance_m: float,
+        lost: str | None = None,
+    ) -> Self:
+        """From all conditions and whether they are met."""
+        return cls(_unmet(hand), _unmet(objects), goal_distance_m, lost)
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Every condition that is not met."""
+        return self.failed_by_hand + self.failed_by_objects
+
+    @property
+    def placed(self) -> bool:
+        """Whether the objects are as they should be, whatever the hand does."""
+        return not self.failed_by_objects
 
     @property
     def holds(self) -> bool:
         """Whether every condition is met."""
-        return not self.failed
+        return not self.failed_by_hand and not self.failed_by_objects
+
+
+def _unmet(conditions: Mapping[str, bool]) -> tuple[str, ...]:
+    return tuple([name for name, met in conditions.items() if not met])
 
 
 @dataclass(frozen=True)

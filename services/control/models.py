@@ -10,7 +10,7 @@ from sqlalchemy.engine import Dialect
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeDecorator
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 
 class UtcDateTime(TypeDecorator[datetime]):
@@ -73,6 +73,10 @@ class TrialRow(Base):
     status: Mapped[str]
     reason: Mapped[str] = mapped_column(default="")
     result: Mapped[dict[str, Any] | None]
+    grasped: Mapped[bool | None]
+    lifted: Mapped[bool | None]
+    placed: Mapped[bool | None]
+    released: Mapped[bool | None]
     hand_error_median_m: Mapped[float | None]
     hand_error_p95_m: Mapped[float | None]
     hand_scaling_mean: Mapped[float | None]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from common.api import CellSummary, EvaluationRequest, TrialStatus
-from common.messages import TrialResult
+from common.api import CellSummary, EvaluationRequest, StageCounts, TrialStatus
+from common.messages import STAGES, TrialResult
 from common.statistics import median, wilson_interval95
 
 
@@ -20,6 +20,10 @@ class TrialFacts:
         policy: Policy name.
         index: i of "trial i".
         status: Where the trial stands.
+        grasped: Whether it came to that stage of `StagesReached`.
+        lifted: The same.
+        placed: The same.
+        released: The same.
         hand_error_median_m: Median of the hand error over the trial [m].
         hand_error_p95_m: 95th percentile of the hand error over the trial [m].
         hand_scaling_mean: Share of the hand task achieved, mean over the trial.
@@ -38,6 +42,10 @@ class TrialFacts:
     policy: str
     index: int
     status: TrialStatus
+    grasped: bool | None = None
+    lifted: bool | None = None
+    placed: bool | None = None
+    released: bool | None = None
     hand_error_median_m: float | None = None
     hand_error_p95_m: float | None = None
     hand_scaling_mean: float | None = None
@@ -56,6 +64,7 @@ def measurements_of(result: TrialResult | None) -> dict[str, float | str]:
     if result is None:
         return {}
     return {
+        **result.stages.model_dump(),
         "hand_error_median_m": result.hand_error_m.median,
         "hand_error_p95_m": result.hand_error_m.p95,
         "hand_scaling_mean": result.hand_scaling_mean,
@@ -112,6 +121,9 @@ def _summarise_lane(
         aborted=count["aborted"],
         success_rate=count["success"] / done if done else None,
         interval95=wilson_interval95(count["success"], done),
+        stages=StageCounts(
+            **{stage: sum(bool(getattr(f, stage)) for f in facts) for stage in STAGES}
+        ),
         median_hand_error_m=median(_known(facts, lambda f: f.hand_error_median_m)),
         p95_hand_error_m=median(_known(facts, lambda f: f.hand_error_p95_m)),
         mean_hand_scaling=_mean(_known(facts, lambda f: f.hand_scaling_mean)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from common.calibration.four_bar import CLOSED_RAD, OPEN_RAD, opening_m
 from common.clock import TICK_S
@@ -24,8 +25,7 @@ class DriverConfig:
     still_rad_s: float = 0.05
 
 
-@dataclass(frozen=True)
-class DriverReport:
+class DriverReport(NamedTuple):
     """The gripper as a tool."""
 
     opening_m: float

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 
-@dataclass(frozen=True)
-class MotorReading:
+class MotorReading(NamedTuple):
     """Present values of left and right motor; positive opens, on both sides."""
 
     positions_rad: tuple[float, float]
@@ -15,8 +13,7 @@ class MotorReading:
     currents_a: tuple[float, float]
 
 
-@dataclass(frozen=True)
-class MotorGoal:
+class MotorGoal(NamedTuple):
     """Goal of both motors under a cap of their current (current-based position control)."""
 
     positions_rad: tuple[float, float]

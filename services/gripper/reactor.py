@@ -11,7 +11,6 @@ from common.messages import (
     EpisodeConfigure,
     EpisodeReady,
     GripperState,
-    Header,
     Message,
     MotorCommand,
     MotorState,
@@ -59,14 +58,14 @@ class GripperReactor(Reactor):
         """Take readings and actions, return motor commands and gripper states."""
         outputs: list[AnyMessage] = []
         for message in messages:
-            if isinstance(message, EpisodeConfigure):
+            if isinstance(message, MotorState):
+                outputs += self._take_state(message)
+            elif isinstance(message, PolicyAction):
+                outputs += self._take_action(message)
+            elif isinstance(message, EpisodeConfigure):
                 outputs += self._prepare(message)
             elif isinstance(message, EpisodeAbort):
                 self._cells.pop(message.header.cell, None)
-            elif isinstance(message, PolicyAction):
-                outputs += self._take_action(message)
-            elif isinstance(message, MotorState):
-                outputs += self._take_state(message)
         return outputs
 
     def _prepare(self, configure: EpisodeConfigure) -> list[Message]:
@@ -115,14 +114,9 @@ class GripperReactor(Reactor):
         goal = cell.motors.goal
         if goal is None:
             raise RuntimeError("the driver wrote no goal")
-        header = Header(
-            cell=state.header.cell,
-            episode=state.header.episode,
-            epoch=state.header.epoch,
-            step=state.header.step,
-            t_sim_s=state.header.t_sim_s,
-        )
-        step, asked_ns = state.header.step, state.header.t_mono_ns
+        # The runner stamps source, sequence number and time.
+        header = state.header
+        step, asked_ns = header.step, header.t_mono_ns
         replies: list[Message] = [
             MotorCommand(
                 header=header,

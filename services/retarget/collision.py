@@ -54,9 +54,13 @@ class Collisions:
         self._data = self._geometry.createData()
         for request in self._data.distanceRequests:
             request.gjk_tolerance = _WITNESS_TOLERANCE
+        # Each is filled anew in its place. Looping over the vector itself costs more than all
+        # distances: its end is told by a C++ exception.
+        self._results = list(self._data.distanceResults)
         self._pairs = [self._describe(pair) for pair in self._geometry.collisionPairs]
         self._change_m_s = [self._bound_change(pair) for pair in self._geometry.collisionPairs]
         self._far_m = [limit.distance(_FAST_M_S + change) for change in self._change_m_s]
+        self._fast_m = _FAST_M_S * limit.dt_s
         self._distances_m: list[float] = []
 
     def __bool__(self) -> bool:
@@ -67,18 +71,18 @@ class Collisions:
         model = self._model
         pin.updateGeometryPlacements(model.pin, model.data, self._geometry, self._data)
         pin.computeDistances(self._geometry, self._data)
-        results = self._data.distanceResults
-        distances_m = [result.min_distance for result in results]
+        distances_m = [result.min_distance for result in self._results]
         before_m, self._distances_m = self._distances_m or distances_m, distances_m
         near: list[Approach] = []
-        for i, (distance_m, before) in enumerate(zip(distances_m, before_m, strict=True)):
-            approach = max(before - distance_m, 0.0) / self._limit.dt_s
+        gaps = zip(distances_m, before_m, self._far_m, strict=True)
+        for i, (distance_m, before, far_m) in enumerate(gaps):
             # Far pairs, nearly all of them, need no more than this.
-            if distance_m > self._far_m[i] and approach < _FAST_M_S:
+            if distance_m > far_m and before - distance_m < self._fast_m:
                 continue
+            approach = max(before - distance_m, 0.0) / self._limit.dt_s
             speed = self._limit.speed(distance_m)
             if speed < approach + self._change_m_s[i]:
-                near.append(self._make_row(i, results[i], distance_m, speed))
+                near.append(self._make_row(i, self._results[i], distance_m, speed))
         return near
 
     def _make_row(self, index: int, result: Any, distance_m: float, speed: float) -> Approach:
@@ -168,7 +172,7 @@ def _make_boxes_exact() -> None:
 _make_boxes_exact()
 
 _WITNESS_TOLERANCE = 1e-9
-_FAST_M_S = 1.0
+_FAST_M_S = 0.3
 """Pairs that approach slower than this and are far enough apart are not looked at closer."""
 
 

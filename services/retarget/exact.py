@@ -75,13 +75,13 @@ class ExactSolver:
             y: (n,) best posture velocity.
         """
         JD = J * self._D
-        self._rhs[:, 0] = x - J @ y
-        solved = solve_positive(JD @ J.T, self._rhs)
+        self._rhs[:, 0] = x - J.dot(y)
+        solved = solve_positive(JD.dot(J.T), self._rhs)
         if solved is None:
             return Unbounded(y, np.zeros(len(x)), np.inf)
         multipliers: Array = solved[:, 0]
-        trace = float(solved.diagonal(1) @ (1.0 / (T * T)))
-        return Unbounded(y + multipliers @ JD, multipliers, trace)
+        trace = float(solved.diagonal(1).dot(1.0 / (T * T)))
+        return Unbounded(y + multipliers.dot(JD), multipliers, trace)
 
     def solve(
         self, J: Array, x: Array, y: Array, start: Unbounded, box: Box, *, search: bool

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-
-import pinocchio as pin
+from collections.abc import Sequence
 
 from common.robots.spec import RetargetSpec
-from common.se3 import Array
+from common.se3 import Array, log_quat, quat_from_matrix
 from services.retarget.braking import stopping_speed
 
 
@@ -31,7 +30,7 @@ def compute_hand_twist(
         (6,) linear [m/s] and angular [rad/s] velocity.
     """
     e_p = (T_world_wanted[:3, 3] - T_world_hand[:3, 3]).tolist()
-    e_R = pin.log3(T_world_wanted[:3, :3] @ T_world_hand[:3, :3].T).tolist()
+    e_R = log_quat(quat_from_matrix(T_world_wanted[:3, :3].dot(T_world_hand[:3, :3].T)))
     K = gains.hand_gain_per_s
     scale_p = _scale(e_p, K, gains.hand_speed_cap_m_s, gains.hand_acceleration_m_s2, dt_s)
     scale_R = _scale(e_R, K, gains.hand_turn_cap_rad_s, gains.hand_acceleration_rad_s2, dt_s)
@@ -39,7 +38,9 @@ def compute_hand_twist(
     return feedforward + shaped
 
 
-def _scale(error: list[float], gain: float, cap: float, acceleration: float, dt_s: float) -> float:
+def _scale(
+    error: Sequence[float], gain: float, cap: float, acceleration: float, dt_s: float
+) -> float:
     size = math.hypot(*error)
     if size == 0.0:
         return 0.0

@@ -12,7 +12,7 @@ from services.retarget.bounds import Box
 from services.retarget.by_levels import ByLevels, Mode
 from services.retarget.exact import ExactSolver, Unbounded
 from services.retarget.level import Level, LevelShape
-from services.retarget.nullspace import DAMPED_BELOW, WeightedJacobian
+from services.retarget.nullspace import DAMPED_BELOW, WeightedJacobian, is_regular
 from services.retarget.posture import PostureLevel
 from services.retarget.program import PIQP, make_program
 from services.retarget.rows import Rows
@@ -85,7 +85,7 @@ class Hierarchy:
         stack = stack_levels(levels)
         start = self._exact.solve_unbounded(stack.J, stack.x, stack.T, y)
         hand = None
-        if start.inverse_trace > self._safe_trace:
+        if start.inverse_trace > self._safe_trace and not self._is_regular(levels[0]):
             hand = self._decompose(levels[0])
         solution, a1 = None, None
         if hand is None or hand.damping == 0.0:
@@ -100,6 +100,9 @@ class Hierarchy:
             solution = self._by_levels.solve(levels, y, box, rows, hand, a1)
         self._exact.remember(solution.a, box)
         return solution
+
+    def _is_regular(self, level: Level) -> bool:
+        return is_regular(level.T[:, np.newaxis] * level.J, self._H_root)
 
     def _decompose(self, level: Level) -> WeightedJacobian:
         return WeightedJacobian(level.T[:, np.newaxis] * level.J, self._H_root)

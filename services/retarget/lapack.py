@@ -18,6 +18,11 @@ def solve_positive(G: Array, rhs: Array) -> Array | None:
     return None if info else x
 
 
+def is_positive(G: Array) -> bool:
+    """Whether a symmetric G (m, m) is positive definite."""
+    return dpotrf(G)[1] == 0
+
+
 def smallest_pivot(G: Array) -> float:
     """Least diagonal entry of the Cholesky factor of G (m, m); 0 when there is no factor."""
     factor, info = dpotrf(G)

@@ -64,10 +64,10 @@ class RetargetReactor(Reactor):
         """Take what is waiting, in order."""
         answers: list[Message] = []
         for message in messages:
-            if isinstance(message, EpisodeConfigure):
-                answers += self._configure(message)
-            elif isinstance(message, RobotState | PolicyAction | EpisodeAbort):
+            if isinstance(message, RobotState | PolicyAction | EpisodeAbort):
                 answers += self._pass_on(message)
+            elif isinstance(message, EpisodeConfigure):
+                answers += self._configure(message)
         return answers
 
     def _pass_on(self, message: RobotState | PolicyAction | EpisodeAbort) -> list[Message]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +14,7 @@ from common.messages import ActionStep
 from common.se3 import Array, apply_differential, distance, exp3, log3
 
 
-@dataclass(frozen=True)
-class TickReference:
+class TickReference(NamedTuple):
     """Where the gripper should be over one tick.
 
     Args:
@@ -26,6 +26,10 @@ class TickReference:
     T_world_start: Array
     T_world_end: Array
     twist: Array
+
+
+_TAU: Array = np.arange(1, FRAME_TICKS + 1)[:, None] / FRAME_TICKS
+"""(ticks, 1) shares of the way at the ends of ticks."""
 
 
 @dataclass(frozen=True)
@@ -99,9 +103,8 @@ class WaypointInterpolator:
     """
 
     def __init__(self, T_world_start: Array) -> None:
-        self._T_now = self._T_from = self._T_to = T_world_start.copy()
-        self._d = np.zeros(3)
-        self._R_step = np.eye(3)
+        self._T_now = T_world_start.copy()
+        self._way: list[Array] = []
         self._twist = np.zeros(6)
         self._ticks = FRAME_TICKS
 
@@ -123,11 +126,11 @@ class WaypointInterpolator:
         """
         if not np.isfinite(T_world_waypoint).all():
             raise InvalidValue("waypoint", T_world_waypoint.tolist(), "finite numbers")
-        self._T_from, self._T_to = self._T_now, T_world_waypoint.copy()
-        w = log3(self._T_to[:3, :3] @ self._T_from[:3, :3].T)
-        self._R_step = exp3(w / FRAME_TICKS)
-        self._d = self._T_to[:3, 3] - self._T_from[:3, 3]
-        self._twist = np.concatenate([self._d, w]) / (FRAME_TICKS * TICK_S)
+        T_from = self._T_now
+        w = log3(T_world_waypoint[:3, :3] @ T_from[:3, :3].T)
+        d = T_world_waypoint[:3, 3] - T_from[:3, 3]
+        self._way = _lay_out(T_from, d, exp3(w / FRAME_TICKS), T_world_waypoint)
+        self._twist = np.concatenate([d, w]) / (FRAME_TICKS * TICK_S)
         self._ticks = 0
 
     def advance(self) -> TickReference:
@@ -135,16 +138,21 @@ class WaypointInterpolator:
         T_start = self._T_now
         if self.arrived:
             return TickReference(T_start, T_start, np.zeros(6))
+        self._T_now = self._way[self._ticks]
         self._ticks += 1
-        self._T_now = self._T_to if self.arrived else self._next(self._ticks / FRAME_TICKS)
         return TickReference(T_start, self._T_now, self._twist)
 
-    def _next(self, tau: float) -> Array:
-        """One tenth of the turn after the pose of the last tick."""
-        T = self._T_from.copy()
-        T[:3, 3] += tau * self._d
-        T[:3, :3] = self._R_step @ self._T_now[:3, :3]
-        return T
+
+def _lay_out(T_from: Array, d: Array, R_step: Array, T_to: Array) -> list[Array]:
+    """Poses (4, 4) at the ends of ten ticks, each a tenth of the turn after the one before."""
+    way = np.repeat(T_from[None], FRAME_TICKS, axis=0)
+    way[:, :3, 3] += _TAU * d
+    turned = np.ascontiguousarray(T_from[:3, :3])
+    for T in way:
+        turned = R_step.dot(turned)
+        T[:3, :3] = turned
+    way[-1] = T_to
+    return list(way)
 
 
 class GripperReference:

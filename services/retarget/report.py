@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from common.clock import FRAME_TICKS, closes_frame
 from common.messages import Header, RetargetStatus
@@ -10,8 +10,7 @@ from common.se3 import Array, distance, pose_to_wire
 from services.retarget.retargeter import Motion
 
 
-@dataclass(frozen=True)
-class TickRecord:
+class TickRecord(NamedTuple):
     """One tick.
 
     Args:

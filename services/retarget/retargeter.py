@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -12,8 +11,7 @@ from common.se3 import Array, pose_from_wire, pose_to_wire
 from services.retarget.reference import TickReference
 
 
-@dataclass(frozen=True)
-class Motion:
+class Motion(NamedTuple):
     """What a robot is told to do in one tick.
 
     Args:

@@ -37,7 +37,7 @@ def stack_levels(levels: Sequence[Level]) -> Level:
     if len(levels) == 1:
         return levels[0]
     return Level(
-        np.vstack([level.J for level in levels]),
+        np.concatenate([level.J for level in levels]),
         np.concatenate([level.x for level in levels]),
         np.concatenate([level.T for level in levels]),
     )

@@ -60,7 +60,7 @@ class Album:
         data = mujoco.MjData(model)
         for moment in self._moments:
             data.qpos[:] = moment.qpos
-            mujoco.mj_forward(model, data)
+            self._world.update_poses(data)
             pixels = renderer.render(data, self._world.task.scene_camera)
             yield EpisodePicture(
                 header=header,

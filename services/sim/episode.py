@@ -31,6 +31,7 @@ from common.tasks.task import Judgement, SuccessMonitor
 from services.sim.album import Album
 from services.sim.camera import Sensor, Skin, StereoCamera
 from services.sim.measurements import Ending, Measurements
+from services.sim.stages import StageMonitor
 from services.sim.trace import Trace
 from services.sim.world import World
 
@@ -79,6 +80,7 @@ class Episode:
         self._barrier = LockstepBarrier(resend_s=RESEND_S, deadline_s=configure.node_deadline_s)
         self._pacer = RealtimePacer(period_s=TICK_S)
         self._monitor = SuccessMonitor()
+        self._stages = StageMonitor(world.task.moved_object)
         self._measured = Measurements()
         self._trace = Trace()
         self._step = 0
@@ -113,19 +115,21 @@ class Episode:
         """Take one answer and go on as far as it allows."""
         if self.over:
             return []
-        if isinstance(answer, PolicyAction):
-            self._take_action(answer)
-        elif isinstance(answer, RetargetStatus):
-            if answer.for_step == self._step or self.realtime:
-                self._measured.add_status(answer)
-                self._barrier.arrive(_STATUS)
-        elif isinstance(answer, RobotCommand):
+        if isinstance(answer, RobotCommand):
             if answer.for_step == self._step or self.realtime:
                 self._command = answer
                 self._barrier.arrive(_COMMAND)
-        elif isinstance(answer, MotorCommand) and (answer.for_step == self._step or self.realtime):
-            self._motor = answer
-            self._barrier.arrive(_MOTOR)
+        elif isinstance(answer, MotorCommand):
+            if answer.for_step == self._step or self.realtime:
+                self._motor = answer
+                self._barrier.arrive(_MOTOR)
+        elif isinstance(answer, PolicyAction):
+            self._take_action(answer)
+        elif isinstance(answer, RetargetStatus) and (
+            answer.for_step == self._step or self.realtime
+        ):
+            self._measured.add_status(answer)
+            self._barrier.arrive(_STATUS)
         if not self.realtime and self._barrier.complete:
             return self._close_tick()
         return []
@@ -174,7 +178,7 @@ class Episode:
         positions = self._world.servos.positions(self._world.data)
         velocities = self._world.servos.velocities(self._world.data)
         fingers, data = self._world.fingers, self._world.data
-        self._trace.add_bytes(b"state", data.qpos.tobytes() + data.qvel.tobytes())
+        self._trace.add_bytes(b"state", data.qpos.data, data.qvel.data)
         messages: list[Message] = []
         if self._step % FRAME_TICKS == 0:
             messages += self._look(header)
@@ -281,7 +285,9 @@ class Episode:
         # No task can be done while the gripper is closed: then look at frames only.
         if self._grasp and self._step % FRAME_TICKS:
             return self._open_tick()
-        judgement = self._world.task.judge(self._world.task_state(grasp=self._grasp))
+        state = self._world.task_state(grasp=self._grasp)
+        judgement = self._world.task.judge(state)
+        self._stages.update(state, judgement, step=self._step)
         if self._monitor.update(judgement):
             return self._end("success", "all conditions held for 0.5 s")
         if judgement.lost is not None:
@@ -311,6 +317,7 @@ class Episode:
             Ending(outcome, reason, judgement.failed if judgement is not None else ()),
             ticks=self._step,
             wall_time_s=time.perf_counter() - self._started_s,
+            stages=self._stages.reached,
             goal_distance_m=distance if math.isfinite(distance) else 0.0,
             resends=self._barrier.resends,
             trace_sha256=self._trace.hexdigest(),
@@ -330,11 +337,4 @@ class Episode:
         )
 
     def _header(self) -> Header:
-        asked = self.configure.header
-        return Header(
-            cell=asked.cell,
-            episode=asked.episode,
-            epoch=asked.epoch,
-            step=self._step,
-            t_sim_s=self._step * TICK_S,
-        )
+        return self.configure.header.at(self._step, self._step * TICK_S)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import mujoco
@@ -9,61 +10,62 @@ import numpy as np
 
 from common.robots import RobotSpec
 from common.robots.compile import compile_robot
-from common.robots.leg import read_legs
-from common.se3 import Array
+from common.robots.leg import Leg, read_legs
+from common.se3 import Quaternion
 
 
 class Legs:
-    """Sets the leg joints once per tick, so that every foot stands on its foothold.
+    """Bends the legs once per tick, so that every foot stands on its foothold.
 
-    Between ticks the joints go on with the velocity they were given. They are joints of the world,
-    not shapes that are bent from outside, so that its state says all about the robot's looks.
+    In the world their links are fixed to the body, and it is the model that is changed, the turn of
+    each link in its parent: where they are follows from the body alone. As joints of the world they
+    would move by themselves between ticks, and cost a third of a physics step.
 
     Args:
-        model: Compiled world.
+        model: Compiled world, built with `fix`.
         robot: The robot in it, perhaps one without legs.
     """
 
     def __init__(self, model: Any, robot: RobotSpec) -> None:
         self._model = model
-        # The geometry is read from the robot alone, where the joints have the names of robot.toml.
-        self._legs = read_legs(compile_robot(robot), robot) if robot.legs else ()
-        joints = [model.joint(f"robot_{name}") for name in robot.leg_joints]
-        self._qpos = np.array([int(joint.qposadr[0]) for joint in joints], dtype=int)
-        self._dof = np.array([int(joint.dofadr[0]) for joint in joints], dtype=int)
-        hips = [int(joint.bodyid[0]) for joint in joints[::3]]
-        self._bodies = [int(model.body_parentid[hip]) for hip in hips]
-        self._angles = np.zeros(len(joints))
+        self._legs: tuple[Leg, ...] = ()
+        self._links = np.zeros(0, dtype=int)
+        if robot.legs:
+            # Read from the robot alone, where legs have joints and names no prefix.
+            alone: Any = compile_robot(robot)
+            self._legs = read_legs(alone, robot)
+            links = [alone.body(alone.joint(name).bodyid[0]).name for name in robot.leg_joints]
+            self._links = np.array([model.body(f"robot_{name}").id for name in links])
+        self._bodies = [int(model.body_parentid[hip]) for hip in self._links[::3]]
 
-    def reset(self, data: Any) -> None:
-        """Put the feet on their footholds, the legs at rest. Brings all poses up to date."""
-        if self._legs:
-            mujoco.mj_kinematics(self._model, data)
-            self._place(data)
-            data.qvel[self._dof] = 0.0
+    @staticmethod
+    def fix(spec: Any, robot: RobotSpec) -> None:
+        """Take the joints of the legs out of a world."""
+        for name in robot.leg_joints:
+            spec.delete(spec.joint(f"robot_{name}"))
 
-    def follow(self, data: Any, dt_s: float) -> None:
-        """Put the feet back on their footholds after the body has moved.
+    def follow(self, data: Any) -> None:
+        """Put the feet on their footholds.
 
         Args:
             data: State, with the poses that belong to it; the legs' are brought up to date.
-            dt_s: Time since the feet were placed last.
 
         Raises:
-            FootholdOutOfReach: The body is where a foot cannot stay on its foothold.
+            FootholdOutOfReach: The body is where a foot cannot stand on its foothold.
         """
-        if self._legs:
-            before = self._angles
-            self._place(data)
-            data.qvel[self._dof] = (self._angles - before) / dt_s
-
-    def _place(self, data: Any) -> None:
-        self._angles: Array = np.array(
-            [
-                angle
-                for leg, body in zip(self._legs, self._bodies, strict=True)
-                for angle in leg.solve(data.xpos[body], data.xmat[body].reshape(3, 3))
-            ]
-        )
-        data.qpos[self._qpos] = self._angles
+        if not self._legs:
+            return
+        quats: list[Quaternion] = []
+        for leg, body in zip(self._legs, self._bodies, strict=True):
+            roll, pitch, knee = leg.solve(data.xpos[body], data.xmat[body].reshape(3, 3))
+            quats += [_about_x(roll), _about_y(pitch), _about_y(knee)]
+        self._model.body_quat[self._links] = quats
         mujoco.mj_kinematics(self._model, data)
+
+
+def _about_x(angle_rad: float) -> Quaternion:
+    return math.cos(0.5 * angle_rad), math.sin(0.5 * angle_rad), 0.0, 0.0
+
+
+def _about_y(angle_rad: float) -> Quaternion:
+    return math.cos(0.5 * angle_rad), 0.0, math.sin(0.5 * angle_rad), 0.0

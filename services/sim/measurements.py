@@ -10,8 +10,9 @@ from common.messages import (
     Outcome,
     PolicyAction,
     RetargetStatus,
-    StageTimes,
+    StagesReached,
     TrialResult,
+    WallTimes,
 )
 from common.statistics import quantile
 
@@ -27,7 +28,7 @@ class Ending:
 
 @dataclass
 class Measurements:
-    """Samples per tick and per action, and wall time per stage."""
+    """Samples per tick and per action, and wall times."""
 
     hand_error_m: list[float] = field(default_factory=list[float])
     hand_error_rad: list[float] = field(default_factory=list[float])
@@ -55,9 +56,9 @@ class Measurements:
         """Take one report of the policy."""
         self.inference_s.append(action.inference_s)
 
-    def stages(self, wall_time_s: float) -> StageTimes:
+    def wall_times(self, wall_time_s: float) -> WallTimes:
         """Where the wall time went."""
-        return StageTimes(
+        return WallTimes(
             physics_s=self.physics_s,
             camera_s=self.camera_s,
             waiting_s=max(0.0, wall_time_s - self.physics_s - self.camera_s),
@@ -71,6 +72,7 @@ class Measurements:
         *,
         ticks: int,
         wall_time_s: float,
+        stages: StagesReached,
         goal_distance_m: float,
         resends: int,
         trace_sha256: str,
@@ -84,6 +86,7 @@ class Measurements:
             ticks=ticks,
             sim_time_s=ticks * TICK_S,
             wall_time_s=wall_time_s,
+            stages=stages,
             goal_distance_m=goal_distance_m,
             hand_error_m=_distribution(self.hand_error_m),
             hand_error_rad=_distribution(self.hand_error_rad),
@@ -93,7 +96,7 @@ class Measurements:
             solver_failures=self.solver_failures,
             solve_time_s=_distribution(self.solve_time_s),
             inference_s=_distribution(self.inference_s),
-            stages=self.stages(wall_time_s),
+            wall_times=self.wall_times(wall_time_s),
             held_ticks=self.held_ticks,
             missed_frames=self.missed_frames,
             resends=resends,

@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 _TAKE_PART = {"sim", "retarget", "gripper", "policy"}
 """Kinds of nodes that every episode has: reasons name them."""
-_ANSWERS = (RobotCommand, RetargetStatus, MotorCommand, PolicyAction)
+_ANSWERS = (RobotCommand, MotorCommand, RetargetStatus, PolicyAction)
 
 
 class SimReactor(Reactor):
@@ -85,6 +85,9 @@ class SimReactor(Reactor):
         return outputs
 
     def _handle_one(self, message: AnyMessage) -> list[Message]:
+        # Answers first: there are hundreds of them a second.
+        if self._running and self._episode is not None and isinstance(message, _ANSWERS):
+            return self._episode.take(message)
         if isinstance(message, EpisodeConfigure):
             return [self._prepare(message)]
         if self._episode is None:
@@ -98,12 +101,8 @@ class SimReactor(Reactor):
             log.info("episode aborted", extra={"cell": self.node, "reason": message.reason})
             self._episode = None
             return []
-        if not self._running:
-            return []
-        if isinstance(message, Tick):
+        if self._running and isinstance(message, Tick):
             return self._episode.pass_time(message.t_mono_ns)
-        if isinstance(message, _ANSWERS):
-            return self._episode.take(message)
         return []
 
     def _prepare(self, configure: EpisodeConfigure) -> EpisodeReady:
@@ -131,7 +130,9 @@ class SimReactor(Reactor):
             sensor = None
             if configure.randomise_camera:
                 sensor = Sensor(calibration, RANDOMISED, seed=configure.seed)
-            skin = dress(world, self._meshes) if self._meshes and world.robot.meshes else None
+            skin = None
+            if configure.pictures and self._meshes and world.robot.meshes:
+                skin = dress(world, self._meshes)
             self._episode = Episode(configure, world, camera, calibration, sensor, skin)
         except LegatoError as error:
             problem = Problem(**error.describe())

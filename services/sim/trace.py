@@ -22,10 +22,11 @@ class Trace:
         self._hash.update(label)
         self._hash.update(array("d", values).tobytes())
 
-    def add_bytes(self, label: bytes, payload: bytes) -> None:
-        """Add an image or another buffer."""
+    def add_bytes(self, label: bytes, *buffers: bytes | memoryview) -> None:
+        """Add an image or other contiguous memory."""
         self._hash.update(label)
-        self._hash.update(payload)
+        for buffer in buffers:
+            self._hash.update(buffer)
 
     def hexdigest(self) -> str:
         """The fingerprint so far, 64 hexadecimal digits."""

@@ -57,6 +57,8 @@ class World:
         self._tool = self.model.site(TOOL_SITE).id
         self._pads = [self.model.geom(name).id for name in PADS]
         self._objects = tuple(_find_body(self.model, name) for name in task.objects)
+        self._objects_qpos = np.concatenate([b.qpos + np.arange(7) for b in self._objects])
+        self._objects_dof = np.concatenate([b.dof + np.arange(6) for b in self._objects])
         self._object_of_geom, self._is_robot_geom = self._classify_geoms()
         self.servos: Servos = (
             HandServos(self.model, robot)
@@ -65,6 +67,7 @@ class World:
         )
         self.fingers = Fingers(self.model)
         self._legs = Legs(self.model, robot)
+        self._known: tuple[bytes, dict[str, ObjectState]] = b"", {}
         self._place(seed)
         self._settle()
         self.initial = self.object_states()
@@ -78,8 +81,16 @@ class World:
             self.servos.apply(self.data, substep)
             mujoco.mj_step(self.model, self.data)
         # Poses of the state just reached, not of the one before it.
-        mujoco.mj_kinematics(self.model, self.data)
-        self._legs.follow(self.data, ticks_s)
+        self.update_poses(self.data)
+
+    def update_poses(self, data: Any) -> None:
+        """Bring all poses up to date with the joint positions of a state of this world.
+
+        Raises:
+            FootholdOutOfReach: The body is where a foot cannot stand on its foothold.
+        """
+        mujoco.mj_kinematics(self.model, data)
+        self._legs.follow(data)
 
     def show(
         self, positions: Sequence[float], opening_m: float, objects: Mapping[str, Sequence[float]]
@@ -95,8 +106,7 @@ class World:
             self.data.qpos[body.qpos : body.qpos + 7] = objects[body.name]
         self.servos.place(self.data, positions)
         self.fingers.place(self.data, opening_m)
-        self._legs.reset(self.data)
-        mujoco.mj_kinematics(self.model, self.data)
+        self.update_poses(self.data)
 
     @property
     def T_world_tool(self) -> Array:
@@ -110,7 +120,14 @@ class World:
         return {body.name: pose_to_wire(self._pose(body)) for body in self._objects}
 
     def object_states(self) -> dict[str, ObjectState]:
-        """Pose and velocity of every object."""
+        """Pose and velocity of every object, as they were told last while nothing moves."""
+        data = self.data
+        now = data.qpos[self._objects_qpos].tobytes() + data.qvel[self._objects_dof].tobytes()
+        if now != self._known[0]:
+            self._known = now, self._measure_objects()
+        return self._known[1]
+
+    def _measure_objects(self) -> dict[str, ObjectState]:
         states: dict[str, ObjectState] = {}
         for body in self._objects:
             T_world_object = self._pose(body)
@@ -181,7 +198,7 @@ class World:
             self.data.qpos[start : start + 7] = pose_to_wire(item.T_world_object)
         self.servos.reset(self.data)
         self.fingers.reset(self.data)
-        self._legs.reset(self.data)
+        self.update_poses(self.data)
         mujoco.mj_forward(self.model, self.data)
 
     def _settle(self) -> None:
@@ -214,6 +231,7 @@ def _build_spec(task: Task, robot: RobotSpec) -> Any:
     else:
         JointServos.add_actuators(spec, robot)
     Fingers.add_actuators(spec)
+    Legs.fix(spec, robot)
     return spec
 
 

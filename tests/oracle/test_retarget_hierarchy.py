@@ -7,7 +7,7 @@ from scipy.optimize import linprog, lsq_linear, minimize
 from services.retarget.bounds import Box, JointBounds
 from services.retarget.hierarchy import Hierarchy
 from services.retarget.level import Level, LevelShape
-from services.retarget.nullspace import DAMPED_BELOW, WeightedJacobian
+from services.retarget.nullspace import DAMPED_BELOW, WeightedJacobian, is_regular
 from services.retarget.rows import Approach, gather_rows
 from services.retarget.whole_body import list_limits
 from tests.retarget_runs import BODIES, robot_model
@@ -70,6 +70,21 @@ class _State:
     def is_regular(self):
         # Near a singularity the hand is damped on purpose.
         return np.linalg.svd(self.J)[1][-1] > 2.0 * DAMPED_BELOW
+
+
+def test_the_cheap_test_of_singularity_agrees_with_the_decomposition():
+    random = np.random.default_rng(5)
+    answers: list[bool] = []
+    for _ in range(200):
+        U, _, Vt = np.linalg.svd(random.normal(size=(6, 9)))
+        # Half of them a hair's breadth beside the threshold.
+        least = DAMPED_BELOW * random.choice([0.0, 0.5, 1.0 - 1e-6, 1.0 + 1e-6, 2.0])
+        S = np.array([*random.uniform(0.3, 2.0, 5), least])
+        H_root = random.uniform(0.5, 2.0, 9)
+        TJ = (U * S) @ Vt[:6] * H_root
+        answers.append(is_regular(TJ, H_root))
+        assert answers[-1] == (WeightedJacobian(TJ, H_root).damping == 0.0)
+    assert 50 < sum(answers) < 150
 
 
 def _states(name, count, seed=0, *, rows=False):

@@ -19,7 +19,7 @@ from tests.checkpoints import METHODS, SMALL, write_checkpoint
 
 STEPS = 25
 
-TINY = PRESETS["legato-tiny"].model_dump(exclude={"method", "head", "loss"})
+TINY = PRESETS["legato-compact"].model_dump(exclude={"method", "head", "loss"})
 """A size whose matrix products are cut into blocks."""
 
 

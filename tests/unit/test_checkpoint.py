@@ -258,7 +258,7 @@ def test_the_image_size_is_said_once():
 
 
 def test_a_shipped_policy_is_at_most_20_mb(tmp_path: Path):
-    network = checkpoint_weights.PolicyNetwork(PRESETS["legato-tiny"])
+    network = checkpoint_weights.PolicyNetwork(PRESETS["legato-compact"])
     folder = tmp_path / "tiny"
     save_checkpoint(
         folder,

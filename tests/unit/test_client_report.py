@@ -10,6 +10,7 @@ from client.record import EvaluationRecord, describe_success, to_json
 from client.report import render_report, write_report
 from client.tables import format_results, format_services, format_table
 from common.errors import NotWritable
+from common.messages import StagesReached
 from tests.client_samples import (
     PNG,
     SHA,
@@ -81,6 +82,18 @@ def test_report_shows_how_the_retargeter_did():
     assert row + "<td>3</td><td>0.11</td><td>0.42</td>" in text
 
 
+def test_report_counts_stages_and_says_how_far_a_failed_trial_came():
+    nothing = StagesReached(grasped=False, lifted=False, placed=False, released=False)
+    far, not_at_all = make_trial(0, status="failure"), make_trial(1, status="failure")
+    result = not_at_all.result.model_copy(update={"stages": nothing})
+    trials = [far, not_at_all.model_copy(update={"result": result})]
+    text = render_report(make_record(trials), command="x")
+    assert "<th>Grasped / lifted / placed / released</th>" in text
+    assert "<td>2/2/1/1</td>" in text
+    assert "<td>grasped, lifted</td><td>dropped the lid</td>" in text
+    assert "<td>nothing</td><td>dropped the lid</td>" in text
+
+
 def test_report_lists_failed_conditions():
     trial = make_trial(status="failure")
     result = trial.result.model_copy(update={"failed_conditions": ["upright", "released"]})
@@ -141,11 +154,11 @@ def test_first_trials_and_failures_come_first_within_the_budget():
 
 
 def test_json_has_exactly_the_agreed_fields():
-    shown = to_json(make_evaluation())
-    assert set(shown) == {"cells", "versions", "seed", "mode", "evaluation"}
+    shown = to_json(make_record())
+    assert set(shown) == {"cells", "trials", "versions", "seed", "mode", "evaluation"}
     assert set(shown["cells"][0]) == {
         *("task", "robot", "policy", "trials", "successes", "failures", "aborted"),
-        *("success_rate", "interval95", "median_hand_error_m", "p95_hand_error_m"),
+        *("stages", "success_rate", "interval95", "median_hand_error_m", "p95_hand_error_m"),
         *("mean_hand_scaling", "least_hand_scaling", "limited_share", "solver_failures"),
         *("median_solve_time_s", "p99_solve_time_s", "real_time_factor", "trace_sha256"),
     }
@@ -159,6 +172,8 @@ def test_success_in_words():
 def test_tables_line_up():
     assert format_table(("a", "bb"), [("xxx", "y")]) == "a    bb\n---  --\nxxx  y"
     lines = format_results(make_evaluation()).splitlines()
+    assert "grasped/lifted/placed/released" in lines[0]
+    assert "  2/2/1/1  " in lines[2]
     assert lines[2].split()[:4] == ["lid", "abstract", "expert", "1/2"]
     nothing = make_cell(success_rate=None, median_hand_error_m=None, real_time_factor=None)
     assert "-" in format_results(make_evaluation(cells=[nothing])).splitlines()[2]

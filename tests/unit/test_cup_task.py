@@ -129,7 +129,9 @@ def test_correct_placements_pass(state: TaskState):
 
 @pytest.mark.parametrize(("condition", "state"), OUTSIDE)
 def test_each_condition_fails_alone(condition: str, state: TaskState):
-    assert TASK.judge(state).failed == (NAMES[condition],)
+    judgement = TASK.judge(state)
+    assert judgement.failed == (NAMES[condition],)
+    assert judgement.placed == (condition in ("grasp", "touch", "pads"))
 
 
 def test_every_condition_has_a_case_outside():

@@ -65,6 +65,7 @@ def make_columns(*, seed: int = 0, delay_ticks: int = 0) -> dict[str, np.ndarray
     return {
         "images": random.integers(0, 256, (ROWS, 2, 4, 4), dtype=np.uint8),
         "action": actions,
+        "intended": actions.copy(),
         "grasp": random.integers(0, 2, ROWS, dtype=np.uint8),
         "tool_pose": np.array(references),
         "reference_pose": np.array(references),

@@ -86,6 +86,7 @@ def configure(reactor: SimReactor, robot: str) -> EpisodeReady:
         policy="expert",
         seed=0,
         mode="lockstep",
+        pictures=True,
         nodes={kind: "cell" for kind in ("sim", "retarget", "gripper", "policy")},
     )
     (ready,) = reactor.handle([message])

@@ -140,7 +140,10 @@ def test_what_is_within_the_limits_passes(state: TaskState):
 @pytest.mark.parametrize("condition", OUTSIDE)
 def test_each_condition_fails_alone(condition: str):
     for state in OUTSIDE[condition]:
-        assert task.judge(state).failed == (condition,)
+        judgement = task.judge(state)
+        assert judgement.failed == (condition,)
+        of_hand = condition in ("grasp is open", "robot does not touch the ladle")
+        assert judgement.placed == of_hand
 
 
 def test_the_robot_may_touch_the_case():

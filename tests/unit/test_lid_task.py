@@ -68,6 +68,14 @@ def test_each_condition_fails_alone(condition: str):
     assert task.judge(outside[condition]).failed == (condition,)
 
 
+def test_what_the_hand_does_is_no_matter_of_placement():
+    for condition, state in outside.items():
+        judgement = task.judge(state)
+        of_hand = condition in ("grasp is open", "robot does not touch the lid")
+        assert judgement.placed == of_hand
+        assert not judgement.holds
+
+
 def test_turning_counts_as_moving():
     state = moved(seated(), lid=spinning(seated().objects["lid"], 0.0, 0.51))
     assert task.judge(state).failed == ("lid is at rest",)

@@ -85,3 +85,16 @@ def test_who_unsubscribes_hears_no_more(bus: LocalBus):
     send(bus, state(1))
     assert taken(stays) == [state(1)]
     assert taken(leaves) == []
+
+
+def test_the_first_message_settles_nothing_for_those_that_come_and_go(bus: LocalBus):
+    stays, comes = Inbox(), Inbox()
+    bus.subscribe(STATE, stays, owner="a")
+    send(bus, state(1))
+    subscription: Subscription = bus.subscribe(STATE, comes)
+    send(bus, state(2))
+    assert taken(comes) == [state(2)]
+    bus.unsubscribe(subscription)
+    send(bus, state(3))
+    assert taken(comes) == []
+    assert taken(stays) == [state(3)]

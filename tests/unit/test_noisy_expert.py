@@ -106,10 +106,7 @@ def test_what_is_meant_leads_back_to_the_path():
 def test_pushes_grow_with_the_motion_and_end_at_rest():
     fast, slow = (
         np.std(
-            [
-                disturbance.draw(np.array([step_m, 0.0, 0.0]), np.zeros(3))[0]
-                for _ in range(2000)
-            ]
+            [disturbance.draw(np.array([step_m, 0.0, 0.0]), np.zeros(3))[0] for _ in range(2000)]
         )
         for step_m, disturbance in ((0.03, make_disturbance()), (0.0, make_disturbance()))
     )

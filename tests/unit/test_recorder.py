@@ -40,8 +40,12 @@ def pose(x: float) -> list[float]:
     return [x, *POSE[1:]]
 
 
-def action(frame: int, *, dx: float = 0.01, grasp: bool = False) -> m.PolicyAction:
-    step = m.ActionStep(translation_m=[dx, 0.0, 0.0], rotation_rad=[0.0] * 3, grasp=grasp)
+def action(
+    frame: int, *, dx: float = 0.01, grasp: bool = False, meant: m.Motion | None = None
+) -> m.PolicyAction:
+    step = m.ActionStep(
+        translation_m=[dx, 0.0, 0.0], rotation_rad=[0.0] * 3, grasp=grasp, meant=meant
+    )
     at = header(10 * frame)
     return m.PolicyAction(
         header=at, for_step=at.step, request_t_mono_ns=0, steps=[step], inference_s=0.0
@@ -138,6 +142,7 @@ def test_a_row_is_a_frame_and_the_action_computed_from_it():
     assert columns["images"][:, 0, 5, 7].tolist() == [0, 1, 2, 3]
     assert columns["images"][:, 1, 127, 127].tolist() == [100, 101, 102, 103]
     assert columns["action"][:, 0].tolist() == [0.01, 0.02, 0.01, 0.0]
+    assert columns["intended"].tolist() == columns["action"].tolist()
     assert columns["grasp"].tolist() == [0, 0, 1, 1]
     assert columns["tool_pose"][:, 0].tolist() == [1.0, 2.0, 3.0, 4.0]
     assert columns["reference_pose"][:, 0].tolist() == [1.0, 11.0, 21.0, 31.0]
@@ -146,6 +151,15 @@ def test_a_row_is_a_frame_and_the_action_computed_from_it():
     assert columns["gripped"].tolist() == [0, 0, 1, 0]
     assert columns["frame_step"].tolist() == columns["state_step"].tolist() == [0, 10, 20, 30]
     assert columns["object_pot"][:, 0].tolist() == [10.0, 11.0, 12.0, 13.0]
+
+
+def test_what_a_disturbed_demonstrator_meant_is_kept_beside_what_it_did():
+    meant = m.Motion(translation_m=[0.03, 0.0, 0.0], rotation_rad=[0.0, 0.1, 0.0])
+    (event,) = record(play([MOVES[0], action(1, dx=0.02, meant=meant), *MOVES[2:]]))
+    columns = event.rows.columns
+    assert columns["action"][:, 0].tolist() == [0.01, 0.02, 0.01, 0.0]
+    assert columns["intended"][:, 0].tolist() == [0.01, 0.03, 0.01, 0.0]
+    assert columns["intended"][:, 4].tolist() == [0.0, 0.1, 0.0, 0.0]
 
 
 def test_what_is_recorded_fits_its_data_set(tmp_path):

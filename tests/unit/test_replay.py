@@ -31,7 +31,7 @@ def test_everything_is_where_it_was(robot: str):
     opening_m = world.fingers.opening_m(world.data)
     shown.show(world.servos.positions(world.data), opening_m, world.object_poses())
     here = np.abs(shown.data.geom_xpos - world.data.geom_xpos).max(axis=1)
-    # The fingers' equalities are soft, legs go on between ticks: by less than a pixel.
+    # The fingers' equalities are soft: by less than a pixel.
     assert here.max() < 2e-3
     objects = [
         geom for geom in range(world.model.ngeom) if world.model.geom(geom).name[:3] == "lid"

@@ -1,6 +1,5 @@
 """Spot: published figures, its start, what it may touch and see, and that its feet stay."""
 
-import copy
 import math
 
 import mujoco
@@ -190,6 +189,13 @@ def test_holds_still_for_two_seconds():
         assert _feet_error_m(world.data) < 1e-9
 
 
+def test_legs_are_bent_from_outside_and_cost_no_joints():
+    world = World(task=load_task("lid"), robot=SPOT, seed=0)
+    names = {world.model.joint(joint).name for joint in range(world.model.njnt)}
+    assert {f"robot_{joint.name}" for joint in SPOT.joints} <= names
+    assert not names & {f"robot_{name}" for name in SPOT.leg_joints}
+
+
 def test_feet_stay_while_the_body_moves_through_its_range(mj):
     world = World(task=load_task("lid"), robot=SPOT, seed=0)
     ranges = np.array([mj.joint(joint.name).range for joint in SPOT.joints[:6]])
@@ -211,12 +217,6 @@ def test_feet_stay_while_the_body_moves_through_its_range(mj):
         world.servos.command(q, v)
         world.advance(TICK_S)
         assert _feet_error_m(world.data) < 1e-9
-        if tick % 20 == 0:
-            # On its own, a leg goes on as it should: the next tick has little to put right.
-            ahead = copy.copy(world.data)
-            mujoco.mj_step(world.model, ahead, 5)
-            mujoco.mj_kinematics(world.model, ahead)
-            assert _feet_error_m(ahead) < 1e-3
         seen.append(world.servos.positions(world.data)[:6])
         assert np.abs(seen[-1] - np.array(q[:6])).max() < 2e-3
     swept = np.ptp(seen, axis=0)

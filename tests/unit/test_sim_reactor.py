@@ -275,6 +275,7 @@ def test_an_episode_without_motion_fails_at_the_time_limit_and_says_why():
     assert result.result.outcome == "failure"
     assert result.result.reason == "time limit of 40 s"
     assert "lid within 12 mm of the pot axis" in result.result.failed_conditions
+    assert result.result.stages.names == []
     assert result.result.ticks == 4000
     assert result.result.hand_error_m.median == 0.001
     assert result.result.hand_scaling_mean == pytest.approx(0.95)

@@ -14,7 +14,7 @@ from sqlalchemy import create_engine, text
 from sqlalchemy.dialects import postgresql
 from sqlalchemy.schema import CreateTable
 
-from common.api import EvaluationRequest
+from common.api import EvaluationRequest, StageCounts
 from common.errors import InvalidValue, NotFound, NotWritable, StoreError
 from common.messages import EpisodePicture, Header
 from services.control.database import Database, database_url
@@ -101,6 +101,7 @@ def test_ended_trial_has_result_attempt_and_summary(opened):
     assert (panda.done, panda.successes, panda.failures, panda.success_rate) == (2, 1, 1, 0.5)
     assert panda.trace_sha256 == [f"{t.seed:064x}" for t in (first, second)]
     assert panda.real_time_factor == pytest.approx(10.0)
+    assert panda.stages == StageCounts(grasped=2, lifted=2, placed=2, released=2)
     assert (spot.done, spot.trace_sha256) == (0, [None, None])
 
 
@@ -293,7 +294,7 @@ def test_database_of_another_version_is_refused_and_kept(url):
     with engine.begin() as connection:
         connection.execute(text('UPDATE "database" SET schema_version = 99'))
         connection.execute(text("DROP TABLE pictures"))
-    with pytest.raises(StoreError, match="schema version 99; expected version 2"):
+    with pytest.raises(StoreError, match="schema version 99; expected version 3"):
         Database(url)
     with engine.begin() as connection:
         tables = connection.execute(text("SELECT name FROM sqlite_master WHERE name = 'pictures'"))

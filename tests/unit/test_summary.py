@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from common.api import EvaluationRequest
-from common.messages import Distribution
+from common.api import EvaluationRequest, StageCounts
+from common.messages import Distribution, StagesReached
 from services.control.summary import TrialFacts, measurements_of, summarise
 from tests.control_nodes import make_result
 
@@ -89,6 +89,22 @@ def test_each_measurement_is_summarised_in_its_own_way(request_):
     nothing = (spot.mean_hand_scaling, spot.least_hand_scaling, spot.limited_share)
     assert (*nothing, spot.median_solve_time_s, spot.p99_solve_time_s) == (None,) * 5
     assert spot.solver_failures == 0
+
+
+def test_every_trial_with_a_result_counts_in_the_stages_it_reached(request_):
+    def reached(*names):
+        every = ("grasped", "lifted", "placed", "released")
+        return StagesReached(**{name: name in names for name in every})
+
+    trials = [
+        facts(0, "success", **measured()),
+        facts(1, "failure", **measured(stages=reached("grasped", "lifted"))),
+        facts(2, "failure", **measured(stages=reached("grasped"))),
+        facts(3, "aborted"),
+    ]
+    panda, spot = summarise(request_, trials)
+    assert panda.stages == StageCounts(grasped=3, lifted=2, placed=1, released=1)
+    assert spot.stages == StageCounts(grasped=0, lifted=0, placed=0, released=0)
 
 
 def test_cancelled_trials_are_not_done(request_):

@@ -53,7 +53,9 @@ def test_held_out_episodes_are_not_trained_on(data: TrainingData):
     assert len(data.training_actions()) == int(data.spans[:, 1].sum())
 
 
-def test_failed_short_and_long_episodes_are_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture):
+def test_failed_short_and_long_episodes_are_left_out(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+):
     short, long = CONFIG.network.window - 1, 35
     folder = write_dataset(tmp_path / "lid", (20, short, long, 20, 20), failed=(3,))
     config = CONFIG.model_copy(update={"longest_episode_s": 3.0, "validation_share": 0.5})

@@ -5,17 +5,25 @@ import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
+from services.policy.learning.normalization import ActionStatistics
 from services.policy.training.config import TrainingConfig
-from services.policy.training.data import TrainingData, load_training_data
+from services.policy.training.data import DataOrigin, TrainingData, load_training_data
 from services.policy.training.device import Placement, place
 from services.policy.training.errors import BadRunState, NoDevice, OtherRun
 from services.policy.training.log import COLUMNS
 from services.policy.training.run import Intervals, Run, RunResult
-from services.policy.training.trainer import UpdateReport, ValidationReport
-from tests.training_data import CONFIG, write_dataset
+from services.policy.training.trainer import (
+    PretrainingReport,
+    Trainer,
+    UpdateReport,
+    ValidationReport,
+)
+from services.policy.training.windows import open_frames
+from tests.training_data import CONFIG, FORESEEING, write_dataset
 
 HERE = Placement(torch.device("cpu"))
 
@@ -27,13 +35,17 @@ class Quiet:
     stop: threading.Event = field(default_factory=threading.Event)
     after: int = 10**9
     reports: list[UpdateReport] = field(default_factory=list[UpdateReport])
+    pretraining: list[PretrainingReport] = field(default_factory=list[PretrainingReport])
     validations: list[ValidationReport] = field(default_factory=list[ValidationReport])
 
     def begin(self, *, update: int, updates: int, timesteps_per_update: int) -> None:
         assert timesteps_per_update == CONFIG.batch_windows * CONFIG.network.window
 
-    def update(self, update: int, report: UpdateReport) -> None:
-        self.reports.append(report)
+    def update(self, update: int, report: UpdateReport | PretrainingReport) -> None:
+        if isinstance(report, UpdateReport):
+            self.reports.append(report)
+        else:
+            self.pretraining.append(report)
         if update >= self.after:
             self.stop.set()
 
@@ -47,7 +59,11 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> TrainingData:
 
 
 def train(
-    folder: Path, data: TrainingData, *, config: TrainingConfig = CONFIG, progress: Quiet | None = None
+    folder: Path,
+    data: TrainingData,
+    *,
+    config: TrainingConfig = CONFIG,
+    progress: Quiet | None = None,
 ) -> RunResult:
     shown = progress or Quiet()
     intervals = Intervals(log=3, validate=6)
@@ -94,6 +110,47 @@ def test_the_log_has_every_kind_of_row_once(tmp_path: Path, data: TrainingData):
     assert all(set(row) <= set(COLUMNS) for row in rows)
     assert [row["update"] for row in rows if "validation_nll" in row] == [6, 12]
     assert len((folder / "log.csv").read_text().splitlines()) == len(rows) + 1
+
+
+def test_encoders_come_first_and_a_stopped_run_goes_on_there(tmp_path: Path):
+    data = load_training_data([write_dataset(tmp_path / "lid")], FORESEEING)
+    whole = train(tmp_path / "whole", data, config=FORESEEING)
+    progress = Quiet(after=10)
+    folder = tmp_path / "run"
+    train(folder, data, config=FORESEEING, progress=progress)
+    assert (len(progress.pretraining), len(progress.reports)) == (10, 0)
+    result = train(folder, data, config=FORESEEING)
+    assert result.update == 40 + FORESEEING.updates
+    ours, theirs = weights(result), weights(whole)
+    assert all(torch.equal(ours[name], theirs[name]) for name in theirs)
+    rows = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+    assert rows[-1]["timesteps"] == 40 * 8 + FORESEEING.updates * 24
+
+
+def test_encoders_learn_where_the_hand_will_be():
+    """Dark pictures are followed by one motion, bright ones by the opposite."""
+    rows = 20
+    images = np.zeros((2 * rows, 2, 64, 64), np.uint8)
+    images[rows:, :, :, 32:] = 255
+    future = np.ones((2 * rows, 3, 6), np.float32)
+    future[:rows] = -1.0
+    actions = np.full((2 * rows, 6), 1e-3, np.float32)
+    spans = np.array([[0, rows], [rows, rows]])
+    data = TrainingData(
+        images=images,
+        actions=actions,
+        grasp=actions[:, 0],
+        grasp_weight=actions[:, 0],
+        executed=actions,
+        future=future,
+        spans=spans,
+        validation=spans,
+        origin=DataOrigin(("d",), "0" * 64, ("lid",), ("abstract",), 2, 0, 2 * rows),
+    )
+    trainer = Trainer(FORESEEING, ActionStatistics.of(data.training_actions()), HERE)
+    frames = open_frames(data, FORESEEING, rank=0, world_size=1)
+    losses = [trainer.pretrain(frames.batch(number), number).future for number in range(40)]
+    assert losses[-1] < 0.5 * losses[0]
 
 
 def test_curves_are_drawn(tmp_path: Path, data: TrainingData):

@@ -1,7 +1,5 @@
 """Windows: which frames, in which order, how varied."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,11 @@ from services.policy.training.windows import WindowLoader, list_windows
 from tests.training_data import CONFIG, NETWORK, write_dataset
 
 STILL = CONFIG.model_copy(
-    update={"augmentation": CONFIG.augmentation.model_copy(update={"shift_px": 0, "brightness": 0.0, "contrast": 0.0})}
+    update={
+        "augmentation": CONFIG.augmentation.model_copy(
+            update={"shift_px": 0, "brightness": 0.0, "contrast": 0.0}
+        )
+    }
 )
 REMEMBERS = TrainingConfig.model_validate(
     {**CONFIG.model_dump(), "network": {**NETWORK.model_dump(), "history": {"steps": 3}}}

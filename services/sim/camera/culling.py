@@ -11,7 +11,7 @@ import math
 from typing import Any
 
 from common.se3 import Array
-from services.sim.camera.compiled import device
+from services.sim.camera.compiled import device, inlined
 from services.sim.camera.primitives import BOX, CAPSULE, CYLINDER, ELLIPSOID, INFINITE, PLANE
 from services.sim.camera.pyramids import AXIS, CONE, CORNERS, SIDES
 from services.sim.camera.shapes import Index, Integers, Table, to_shape
@@ -51,7 +51,7 @@ def find_candidates(
     candidates[row, 0] = count
 
 
-@device
+@inlined
 def _in_cone(sight: Any, pyramids: Array, at: int) -> bool:
     """Angle between middle of the cone and of the sphere <= sum of both half angles."""
     cosine, sine = pyramids[at, CONE, 0], pyramids[at, CONE, 1]
@@ -65,7 +65,7 @@ def _in_cone(sight: Any, pyramids: Array, at: int) -> bool:
     return along >= sight.distance * (cosine * sight.cosine - sine * sight.sine - _MARGIN)
 
 
-@device
+@inlined
 def _in_pyramid(shape: Any, sight: Any, pyramids: Array, at: int) -> bool:
     """N . c + reach(n) >= 0 for all four sides n."""
     if shape.kind == PLANE and not _looks_down(shape, sight, pyramids, at):
@@ -78,7 +78,7 @@ def _in_pyramid(shape: Any, sight: Any, pyramids: Array, at: int) -> bool:
     return True
 
 
-@device
+@inlined
 def _reach(shape: Any, nx: float, ny: float, nz: float) -> float:
     """How far a shape reaches from its origin along the unit vector n of the world."""
     x, y, z = to_shape(shape, nx, ny, nz)
@@ -97,7 +97,7 @@ def _reach(shape: Any, nx: float, ny: float, nz: float) -> float:
     return shape.sx
 
 
-@device
+@inlined
 def _looks_down(shape: Any, sight: Any, pyramids: Array, at: int) -> bool:
     """Whether the apex is in front of a plane and an edge of the pyramid leads towards it."""
     if sight.oz < -_MARGIN:

@@ -13,7 +13,7 @@ then one with the uneven pixels.
 from __future__ import annotations
 
 from common.se3 import Array
-from services.sim.camera.compiled import device, inlined
+from services.sim.camera.compiled import inlined
 from services.sim.camera.desk import PATTERN_TONE, PLAIN_LIGHT
 from services.sim.camera.lens import Flags
 from services.sim.camera.patterns import PLAIN
@@ -39,7 +39,7 @@ REFINE_STEP = 0.04
 EVERY, COARSE, UNEVEN, PASSES = range(4)
 
 
-@device
+@inlined
 def list_places(flags: Flags, tiles: Integers, tile: int, step: int, marks: Integers) -> int:
     """Make a bundle of the places of a tile, every `step` rows and columns, that have a flag."""
     bottom = min(tiles[tile, 1], step * flags.shape[0])
@@ -53,7 +53,7 @@ def list_places(flags: Flags, tiles: Integers, tile: int, step: int, marks: Inte
     return count
 
 
-@device
+@inlined
 def aim(rays: Array, marks: Integers, count: int, directions: Array, R: Array) -> None:
     """Turn rays of the eye's bundle into the world: R (3, 3) times directions[ROW, COLUMN]."""
     for k in range(count):
@@ -64,7 +64,7 @@ def aim(rays: Array, marks: Integers, count: int, directions: Array, R: Array) -
         rays[EYE, Z, k] = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
 
 
-@device
+@inlined
 def keep_places(
     rays: Array,
     marks: Integers,
@@ -90,7 +90,7 @@ def keep_places(
         light[PATTERN_TONE, i, j] = rays[EYE, TONE, k]
 
 
-@device
+@inlined
 def show(
     rays: Array, marks: Integers, count: int, pictures: Flags, eye: int, bytes_of: Flags
 ) -> None:
@@ -101,7 +101,7 @@ def show(
         pictures[eye, row, column] = to_display(intensity, bytes_of)
 
 
-@device
+@inlined
 def fill_even(
     inside: Flags,
     tiles: Integers,
@@ -171,7 +171,7 @@ def _compare(
     return met, same & (high - low <= REFINE_STEP), 0.25 * (a + b + c + d)
 
 
-@device
+@inlined
 def take_waiting(rays: Array, marks: Integers, count: int) -> None:
     """Make the waiting pixels the eye's bundle."""
     for k in range(count):

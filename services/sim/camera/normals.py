@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from services.sim.camera.compiled import device, inlined
+from services.sim.camera.compiled import inlined
 from services.sim.camera.primitives import (
     BOX,
     CAPSULE,
@@ -37,7 +37,7 @@ def _meets(o: float, d: float, half: float, t: float) -> bool:
     return (t == near) | (t == far)
 
 
-@device
+@inlined
 def normal_of_cylinder(o: Vector, d: Vector, half: float, t: float) -> Vector:
     """(0, 0, -+1) on the flat ends, (x, y, 0) / |(x, y)| on the round side."""
     if _meets(o[2], d[2], half, t):
@@ -45,7 +45,7 @@ def normal_of_cylinder(o: Vector, d: Vector, half: float, t: float) -> Vector:
     return _unit(o[0] + t * d[0], o[1] + t * d[1], 0.0)
 
 
-@device
+@inlined
 def normal_of_box(o: Vector, d: Vector, s: Vector, t: float) -> Vector:
     """The axis of the face that is met."""
     if _meets(o[0], d[0], s[0], t):
@@ -55,7 +55,7 @@ def normal_of_box(o: Vector, d: Vector, s: Vector, t: float) -> Vector:
     return 0.0, 0.0, _side(o[2] + t * d[2])
 
 
-@device
+@inlined
 def normal_of(kind: int, o: Vector, d: Vector, s: Vector, t: float) -> Vector:
     """Normal of a shape of any kind.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from services.sim.camera.compiled import device
+from services.sim.camera.compiled import inlined
 from services.sim.camera.primitives import Vector
 
 PLAIN, TOP_CHECKER, STRIPES, SPECKLE, RINGS = range(5)
@@ -57,7 +57,7 @@ def find_pattern(name: str) -> Pattern:
     return next((pattern for pattern in PATTERNS if name.startswith(pattern.prefix)), _NONE)
 
 
-@device
+@inlined
 def wave_of(kind: int, world: Vector, local: Vector, period: float, salt: int) -> float:
     """Between 1 on light parts and -1 on dark ones.
 
@@ -83,14 +83,14 @@ def wave_of(kind: int, world: Vector, local: Vector, period: float, salt: int) -
     )
 
 
-@device
+@inlined
 def _sign(number: float) -> float:
     """1 for even numbers, -1 for odd ones."""
     half = 0.5 * number
     return 1.0 - 4.0 * (half - math.floor(half))
 
 
-@device
+@inlined
 def speckle(x: float, y: float, z: float, salt: int) -> float:
     """A number from -1 to 1 that depends on whole x, y, z and salt only: their integer hash."""
     mixed = (int(x) * 73856093) ^ (int(y) * 19349663) ^ (int(z) * 83492791) ^ (salt * 2654435)
@@ -101,7 +101,7 @@ def speckle(x: float, y: float, z: float, salt: int) -> float:
     return (mixed & 0xFFFF) / 32767.5 - 1.0
 
 
-@device
+@inlined
 def tone_of(wave: float, dark: float, rays_per_period: float) -> float:
     """(1 + dark) / 2 + wave sharpness (1 - dark) / 2; sharpness 1 from 4 rays a period, 0 to 2."""
     sharpness = min(max(2.0 - 4.0 / rays_per_period, 0.0), 1.0)

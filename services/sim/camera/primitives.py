@@ -46,8 +46,8 @@ def span_quadric(a: float, b: float, c: float) -> tuple[float, float]:
     square = b * b - a * c
     crosses = square >= _TINY
     root = math.sqrt(square if crosses else 1.0)
-    divisor = a if crosses else 1.0
-    near, far = (-b - root) / divisor, (-b + root) / divisor
+    inverse = 1.0 / (a if crosses else 1.0)
+    near, far = (-b - root) * inverse, (-b + root) * inverse
     return (near if crosses else INFINITE), (far if crosses else -INFINITE)
 
 
@@ -55,8 +55,8 @@ def span_quadric(a: float, b: float, c: float) -> tuple[float, float]:
 def span_slab(o: float, d: float, half: float) -> tuple[float, float]:
     """Where |o + t d| <= half: from (-half - o) / d to (half - o) / d; near > far if nowhere."""
     parallel = abs(d) <= _TINY
-    slope = 1.0 if parallel else d
-    one, other = (-half - o) / slope, (half - o) / slope
+    inverse = 1.0 / (1.0 if parallel else d)
+    one, other = (-half - o) * inverse, (half - o) * inverse
     near, far = min(one, other), max(one, other)
     always = -INFINITE if abs(o) <= half else INFINITE
     return (always if parallel else near), (-always if parallel else far)

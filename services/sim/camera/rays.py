@@ -140,7 +140,7 @@ def _keep(rays: Array, marks: Integers, view: Index, k: int, met: int, distance:
     marks[view, SHAPE_MET, k] = met if nearer else before
 
 
-@device
+@inlined
 def distance_along(x: float, y: float, z: float, shape: Any, sight: Any) -> float:
     """Distance to one shape along one ray with the unit direction (x, y, z)."""
     d, o, s = (

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from common.se3 import Array
-from services.sim.camera.compiled import device, stage
+from services.sim.camera.compiled import inlined, stage
 from services.sim.camera.normals import normal_of
 from services.sim.camera.patterns import PLAIN, tone_of, wave_of
 from services.sim.camera.primitives import INFINITE, Vector
@@ -75,7 +75,7 @@ def albedo_of_colors(colors: Array) -> Array:
     return colors ** (1.0 / _GAMMA) / (AMBIENT + HEADLIGHT + LAMBERT)
 
 
-@device
+@inlined
 def to_display(intensity: float, table: npt.NDArray[np.uint8]) -> int:
     """Byte of an intensity, by table."""
     return table[int(min(max(intensity, 0.0), 1.0) * _LEVELS + 0.5)]
@@ -118,7 +118,7 @@ def sample(
         rays[EYE, BASE, k] = scene.surfaces[marks[EYE, SURFACE, k]].gray * rays[EYE, FACTOR, k]
 
 
-@device
+@inlined
 def find_tones(
     rays: Array,
     marks: Integers,
@@ -145,7 +145,7 @@ def find_tones(
             rays[EYE, TONE, k] = _tone(surface, shape, sight, (dx, dy, dz), t, spacing_m)
 
 
-@device
+@inlined
 def light_hit(
     rays: Array,
     marks: Integers,
@@ -187,7 +187,7 @@ def light_hit(
         rays[EYE, TONE, k] = tone
 
 
-@device
+@inlined
 def _tone(surface: Any, shape: Any, sight: Any, d: Vector, t: float, spacing_m: float) -> float:
     """Tone of a surface's pattern where a ray with unit direction d meets it at distance t."""
     rays_per_period = surface.period / spacing_m
@@ -202,7 +202,7 @@ def _tone(surface: Any, shape: Any, sight: Any, d: Vector, t: float, spacing_m: 
     return tone_of(wave, surface.dark, rays_per_period)
 
 
-@device
+@inlined
 def world_normal(
     dx: float, dy: float, dz: float, shape: Any, sight: Any, t: float
 ) -> tuple[float, float, float]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from common.se3 import Array
-from services.sim.camera.compiled import device, stage
+from services.sim.camera.compiled import device, inlined, stage
 from services.sim.camera.culling import find_candidates
 from services.sim.camera.pyramids import raise_pyramid
 from services.sim.camera.rays import (
@@ -75,12 +75,7 @@ def cast_shadows(scene: Scene, count: int) -> None:
     for k in range(count):
         marks[EYE, CELL, k] = _UNKNOWN
         if rays[EYE, LIT, k] > 0.0:
-            marks[EYE, CELL, k] = cell_of(
-                rays[EYE, TO_X, k], rays[EYE, TO_Y, k], rays[EYE, TO_Z, k]
-            )
-    for first in range(count):
-        cell = marks[EYE, CELL, first]
-        if cell != _UNKNOWN:
+            cell = cell_of(rays[EYE, TO_X, k], rays[EYE, TO_Y, k], rays[EYE, TO_Z, k])
             if scene.light_cells[cell, 0] == _UNKNOWN:
                 _look_up(
                     scene.frames,
@@ -90,6 +85,12 @@ def cast_shadows(scene: Scene, count: int) -> None:
                     scene.light_cells,
                     cell,
                 )
+            met, range_m = marks[EYE, SHAPE_MET, k], rays[EYE, RANGE, k]
+            if not _is_in_front(scene.light_cells, cell, scene.views, met, range_m):
+                marks[EYE, CELL, k] = cell
+    for first in range(count):
+        cell = marks[EYE, CELL, first]
+        if cell != _UNKNOWN:
             number = _gather(rays, marks, cell, first, count)
             trace(
                 rays,
@@ -104,6 +105,18 @@ def cast_shadows(scene: Scene, count: int) -> None:
             for k in range(number):
                 if marks[LIGHT, SHAPE_MET, k] >= 0:
                     rays[EYE, LIT, marks[LIGHT, POINT, k]] = 0.0
+
+
+@inlined
+def _is_in_front(light_cells: Integers, cell: int, views: Table, met: int, range_m: float) -> bool:
+    """Whether nothing but the shape that is met can be between the light and a hit.
+
+    No shape shades its own lit side: all are convex, or have one visible side.
+    """
+    count = light_cells[cell, 0]
+    if count == 0 or light_cells[cell, 1] != met:
+        return False
+    return count == 1 or views[LIGHT, light_cells[cell, 2]].nearest >= range_m
 
 
 @device
