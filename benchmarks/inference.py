@@ -1,6 +1,6 @@
 """Speed of a learned policy: one cell, and eight cells of one policy service.
 
-Run: python -m benchmarks.inference [--size tiny --size paper] [--rounds 200] [--threads 2]
+Run: python -m benchmarks.inference [--size compact --size paper] [--rounds 200] [--threads 2]
 
 From a stereo frame to an action, through the reactor of the policy service, without the bus. The
 weights are random: the time does not depend on them. One and eight cells take turns; medians are
@@ -45,7 +45,7 @@ COMPARED_STEPS = 20
 def main() -> int:
     """Measure each size on each backend."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--size", action="append", help="preset (default: tiny and paper)")
+    parser.add_argument("--size", action="append", help="preset (default: compact and paper)")
     parser.add_argument("--rounds", type=int, default=200, help="(%(default)s)")
     parser.add_argument("--threads", type=int, default=2, help="of the last row (%(default)s)")
     args = parser.parse_args()
@@ -56,7 +56,7 @@ def main() -> int:
         f"{'':26s}" + f"{'wall':>10s}{'CPU':>10s}" * 2 + f"{'x one':>12s}"
     )
     with tempfile.TemporaryDirectory() as folder:
-        for size in args.size or ("tiny", "paper"):
+        for size in args.size or ("compact", "paper"):
             measure_size(Path(folder), size, rounds=args.rounds, threads=args.threads)
     return 0
 

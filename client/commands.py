@@ -75,17 +75,19 @@ class Train(Command):
     size: Literal["compact", "small", "medium", "large", "paper"] = "compact"
     """Size of the network; compact trains on two CPU cores."""
     data: Repeated = ()
-    """Folder of a data set; give it again for more (default: runs/demonstrations/TASK-abstract-0)."""
+    """Folder of a data set; again for more (default: runs/demonstrations/TASK-abstract-0)."""
     episodes: int | None = None
     """Use only the first so many of each data set; without it all."""
     out: Path | None = None
     """Folder of the run; without it runs/training/TASK-POLICY-SIZE-SEED."""
-    timesteps: int = 1_500_000
+    timesteps: int = 1_000_000
     """Budget in frames, repetitions included."""
+    pretraining: int = 80_000
+    """Frames that the encoders are trained on first, alone; the paper's size has no such part."""
     batch: int = 16
     """Windows per update, over all processes."""
     learning_rate: float | None = None
-    """Peak of AdamW's rate; without it 1e-3, for the paper's size 1e-4."""
+    """Peak of AdamW's rate; without it 7e-4, for the paper's size 1e-4."""
     invariant_weight: float | None = None
     """Weight of the motion-invariant loss; without it that of the size."""
     window: int = 20
@@ -257,7 +259,7 @@ class DataView(Command):
     video: Path | None = None
     """Also draw that episode from the task's viewpoint: a .webp, .gif or .png file to write."""
     meshes: Path | None = None
-    """Copy of MuJoCo Menagerie: the video shows its meshes. Else LEGATO_MENAGERIE, if that is set."""
+    """Copy of MuJoCo Menagerie: the video shows its meshes. Else LEGATO_MENAGERIE, if set."""
     json: bool = False
     """Print one JSON object."""
 

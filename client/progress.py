@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from typing import TYPE_CHECKING, Protocol, TextIO
 
 from client.display import Display, LineDisplay, ScreenDisplay
-from client.record import as_factor, describe_success, in_mm
+from client.record import as_factor, describe_stages, describe_success, in_mm
 from common.api import Evaluation, ProgressEvent, Trial
 
 if TYPE_CHECKING:
@@ -27,6 +28,16 @@ def open_progress(stream: TextIO | None = None) -> Progress:
     """The live display on a terminal, lines elsewhere."""
     target = sys.stderr if stream is None else stream
     return LiveProgress(target) if target.isatty() else LineProgress(target)
+
+
+class SilentProgress(LineDisplay):
+    """Shows nothing: for trials within something that shows progress of its own."""
+
+    def __init__(self) -> None:
+        super().__init__(io.StringIO())
+
+    def update(self, event: ProgressEvent) -> None:
+        """Nothing."""
 
 
 class LineProgress(LineDisplay):
@@ -114,6 +125,9 @@ def describe_trial(trial: Trial) -> str:
         words.append(f"hand error p95 {in_mm(result.hand_error_m.p95)} mm")
         if result.wall_time_s > 0:
             words.append(as_factor(result.sim_time_s / result.wall_time_s))
-    if trial.status != "success" and trial.reason:
-        words.append(trial.reason)
+    if trial.status != "success":
+        if trial.stages is not None:
+            words.append(f"reached: {describe_stages(trial.stages)}")
+        if trial.reason:
+            words.append(trial.reason)
     return "  ".join(words)

@@ -9,12 +9,14 @@ import numpy as np
 from common.datasets import DatasetSpec, EpisodeMetadata, EpisodeRows, EpisodeWriter, Rows
 from services.policy.learning.config import (
     EncoderConfig,
+    FutureLossConfig,
     HistoryConfig,
     LegatoConfig,
+    LegatoLossConfig,
     LstmConfig,
     MlpConfig,
 )
-from services.policy.training.config import OptimiserConfig, TrainingConfig
+from services.policy.training.config import OptimiserConfig, PretrainingConfig, TrainingConfig
 from services.recorder.columns import describe_dataset
 
 NETWORK = LegatoConfig(
@@ -34,6 +36,15 @@ CONFIG = TrainingConfig(
     precision="fp32",
     validation_share=0.25,
 )
+FORESEEING = CONFIG.model_copy(
+    update={
+        "network": NETWORK.model_copy(
+            update={"loss": LegatoLossConfig(future=FutureLossConfig(horizons=(1, 3, 8)))}
+        ),
+        "pretraining": PretrainingConfig(frames=320, batch_frames=8, learning_rate=3e-3),
+    }
+)
+"""The encoders are trained alone first, for 40 updates."""
 
 
 def make_rows(spec: DatasetSpec, length: int, *, seed: int) -> EpisodeRows:

@@ -16,29 +16,39 @@ from common import __version__
 if TYPE_CHECKING:
     from services.policy.learning.checkpoint_card import CheckpointCard
     from services.policy.training.data import DataOrigin
-    from services.policy.training.run import RunResult
+    from services.policy.training.trainer import UpdateReport, ValidationReport
 
 _PACKAGES = ("torch", "numpy")
 
 
 def make_card(
-    command: list[str], origin: DataOrigin, result: RunResult, *, timesteps_per_update: int
+    command: list[str],
+    origin: DataOrigin,
+    *,
+    steps: int,
+    timesteps: int = 0,
+    trained_s: float = 0.0,
+    last: UpdateReport | None = None,
+    validation: ValidationReport | None = None,
 ) -> CheckpointCard:
-    """What is known when the training ends.
+    """What is known of a policy.
 
     Args:
-        command: As it was typed.
+        command: As it was typed, without the program.
         origin: Of the data.
-        result: Of the run.
-        timesteps_per_update: Frames of an update.
+        steps: Updates of the weights.
+        timesteps: Frames seen, repetitions included.
+        trained_s: Time spent.
+        last: Of the last update.
+        validation: On held-out demonstrations.
     """
     from services.policy.learning.checkpoint_card import CheckpointCard, DatasetSummary
 
     losses: dict[str, float] = {}
-    if result.last is not None:
-        losses |= _numbers("", asdict(result.last))
-    if result.validation is not None:
-        losses |= _numbers("validation_", asdict(result.validation))
+    if last is not None:
+        losses |= _numbers("", asdict(last))
+    if validation is not None:
+        losses |= _numbers("validation_", asdict(validation))
     return CheckpointCard(
         command=shlex.join(["legato", *command]),
         created=datetime.now(UTC).replace(microsecond=0),
@@ -54,9 +64,9 @@ def make_card(
             frames=origin.rows,
             robots=origin.robots,
         ),
-        steps=result.update,
-        timesteps=result.update * timesteps_per_update,
-        minutes=round(result.trained_s / 60.0, 2),
+        steps=steps,
+        timesteps=timesteps,
+        minutes=round(trained_s / 60.0, 2),
         losses=losses,
     )
 

@@ -119,10 +119,13 @@ def make_config(command: Train) -> TrainingConfig:
         loss = loss.model_copy(update={"invariant": weighed})
     rate = _PAPER_RATE if command.size == "paper" else OptimiserConfig().learning_rate
     changed = network.model_copy(update={"window": command.window, "loss": loss})
+    foresees = network.loss.future is not None and command.pretraining > 0
+    pretraining = {"frames": command.pretraining} if foresees else None
     try:
         return TrainingConfig.model_validate(
             {
                 "network": changed.model_dump(),
+                "pretraining": pretraining,
                 "timesteps": command.timesteps,
                 "batch_windows": command.batch,
                 "optimiser": {"learning_rate": command.learning_rate or rate},

@@ -9,9 +9,14 @@ from typing import TYPE_CHECKING, Protocol, TextIO
 from client.display import Display, LineDisplay, ScreenDisplay
 
 if TYPE_CHECKING:
-    from services.policy.training.trainer import UpdateReport, ValidationReport
+    from services.policy.training.trainer import (
+        PretrainingReport,
+        UpdateReport,
+        ValidationReport,
+    )
 
 _LINE_EVERY_S = 10.0
+_LOSSES = ("nll", "grasp", "invariant", "future")
 
 
 class RunProgress(Display, Protocol):
@@ -21,7 +26,7 @@ class RunProgress(Display, Protocol):
         """Show where it starts."""
         ...
 
-    def update(self, update: int, report: UpdateReport) -> None:
+    def update(self, update: int, report: UpdateReport | PretrainingReport) -> None:
         """Show an update, counted from 1."""
         ...
 
@@ -73,7 +78,7 @@ class LineRunProgress(LineDisplay):
         if update:
             self.write(f"going on after update {update} of {updates}")
 
-    def update(self, update: int, report: UpdateReport) -> None:
+    def update(self, update: int, report: UpdateReport | PretrainingReport) -> None:
         """Write a line when the last one is old."""
         if time.monotonic() - self._shown_s < _LINE_EVERY_S and update < self._updates:
             return
@@ -113,7 +118,7 @@ class BarRunProgress(ScreenDisplay):
         self._pace = Pace(update=update, updates=updates, timesteps_per_update=timesteps_per_update)
         self._bar.update(self._task, total=updates, completed=update)
 
-    def update(self, update: int, report: UpdateReport) -> None:
+    def update(self, update: int, report: UpdateReport | PretrainingReport) -> None:
         """Move the bar."""
         told = f"{describe_losses(report)}  {self._pace.describe(update)}"
         self._bar.update(self._task, completed=update, told=told)
@@ -130,9 +135,9 @@ class BarRunProgress(ScreenDisplay):
         self._bar.console.print(line, markup=False, highlight=False)
 
 
-def describe_losses(report: UpdateReport) -> str:
+def describe_losses(report: UpdateReport | PretrainingReport) -> str:
     """The parts of the loss, e.g. `nll -11.20  grasp 0.051  invariant 0.82`."""
-    parts = (("nll", report.nll), ("grasp", report.grasp), ("invariant", report.invariant))
+    parts = ((name, getattr(report, name, None)) for name in _LOSSES)
     return "  ".join(f"{name} {value:.3f}" for name, value in parts if value is not None)
 
 

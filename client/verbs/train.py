@@ -15,8 +15,7 @@ from client.training.progress import RunProgress, open_run_progress
 from common.errors import MissingExtra
 
 if TYPE_CHECKING:
-    from services.policy.training.data import TrainingData
-    from services.policy.training.run import Run, RunResult
+    from services.policy.training.run import RunResult
 
 
 def run(command: Train) -> int:
@@ -45,12 +44,14 @@ def run(command: Train) -> int:
 
 
 def _train(plan: TrainingPlan, progress: RunProgress, stop: threading.Event) -> RunResult:
+    from client.training.policy import TrainedPolicy
     from services.policy.training.data import load_training_data
     from services.policy.training.device import place
     from services.policy.training.run import Intervals, Run
 
     placement = place(plan.device)
     data = load_training_data(plan.data, plan.config, episodes=plan.episodes)
+    policy = TrainedPolicy(plan, data, progress=progress, stop=stop)
     running = Run(
         plan.folder,
         plan.config,
@@ -58,41 +59,11 @@ def _train(plan: TrainingPlan, progress: RunProgress, stop: threading.Event) -> 
         placement=placement,
         progress=progress,
         intervals=Intervals(validate=plan.validate_every),
+        evaluate=policy.evaluate if plan.evaluate_trials else None,
+        tensorboard=plan.tensorboard,
     )
     result = running.go_on(stop)
     if result.done and placement.leads:
         running.draw()
-        sys.stdout.write(_finish(plan, data, running, result) + "\n")
+        sys.stdout.write(policy.finish(result, running.count_timesteps(result.update)) + "\n")
     return result
-
-
-def _finish(plan: TrainingPlan, data: TrainingData, running: Run, result: RunResult) -> str:
-    """Write the checkpoint; what there is now, in one line."""
-    from client.training.card import make_card
-    from services.policy.learning.checkpoint import CheckpointConfig, ImageSpec, save_checkpoint
-
-    config = plan.config
-    digest = save_checkpoint(
-        plan.checkpoint,
-        result.trainer.network,
-        config=CheckpointConfig(
-            network=config.network,
-            image=ImageSpec(px=config.network.encoder.input_px),
-            tasks=(plan.task,),
-            seed=config.seed,
-        ),
-        statistics=running.statistics,
-        card=make_card(
-            sys.argv[1:],
-            data.origin,
-            result,
-            timesteps_per_update=config.batch_windows * config.network.window,
-        ),
-    )
-    words = [
-        f"{plan.checkpoint}: {digest[:12]}",
-        f"{result.update} updates",
-        f"{data.origin.episodes} demonstrations",
-        f"{result.trained_s / 60:.1f} min",
-    ]
-    return ", ".join(words)

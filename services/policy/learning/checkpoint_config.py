@@ -33,11 +33,12 @@ class ImageSpec(Config, frozen=True):
 class GraspHysteresis(Config, frozen=True):
     """From the probability of a closed gripper to closing it.
 
-    Between the thresholds the gripper stays as it is, so that it does not flutter.
+    Between the thresholds the gripper stays as it is, so that it does not flutter. They are equal
+    by default: a gripper that is slow to open holds on to what it has placed.
     """
 
-    close_above: Share = 0.6
-    open_below: Share = 0.4
+    close_above: Share = 0.5
+    open_below: Share = 0.5
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

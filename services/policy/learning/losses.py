@@ -5,8 +5,8 @@ L_nll   = -log sum_k pi_k N(a*; mu_k, diag sigma_k^2)            normalised acti
 L_grasp = binary cross-entropy of the logit, heavier around transitions
 L_invar = sum_k gamma_k |phi(history, mu_k) - phi(history, u*)|^2      mu_k in m and rad,
 gamma_k = pi_k N(a*; mu_k, sigma_k) / p(a*), without gradient
-L_future = mean over horizons h and dimensions of huber((f_h - d_h) / S_h), where the hand is seen to
-be h steps later: d_h = T_t^-1 T_{t+h} as translation and rotation vector, S_h its spread
+L_future = mean over horizons h and dimensions of huber((f_h - d_h) / S_h), where the hand is seen
+to be h steps later: d_h = T_t^-1 T_{t+h} as translation and rotation vector, S_h its spread
 
 Why gamma: a sample of a mixture has no gradient, its mean averages modes, and pi would punish modes
 that explain other demonstrations. gamma is the weight with which the gradient of L_nll itself

@@ -1,7 +1,8 @@
 """The policy network: stereo images and previous actions to a mixture and a grasp.
 
 z_t = [enc_left(I_left), enc_right(I_right), a_{t-T}, ..., a_{t-1}]
-y_t, (h, c)_t = LSTM(z_t, (h, c)_{t-1});  f_t = MLP(y_t), or MLP([y_t, enc_left, enc_right]);  mixture(f_t), grasp logit(f_t)
+y_t, (h, c)_t = LSTM(z_t, (h, c)_{t-1});  f_t = MLP(y_t);  mixture(f_t), grasp logit(f_t)
+where the compact sizes give the MLP [y_t, enc_left, enc_right]
 """
 
 from __future__ import annotations

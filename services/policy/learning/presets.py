@@ -2,15 +2,16 @@
 
 | size | encoder: width, input, stages, map | MLP | parameters (legato) | MFLOP per step |
 |---|---|---|---|---|
-| tiny | 16, 64 px, 3, 8x8 | 2 x 512 | 3.00 M | 60 |
-| small | 16, 64 px, 4, 4x4 | 3 x 2048 | 12.90 M | 86 |
-| medium | 16, 128 px, 4, 8x8 | 3 x 2048 | 12.90 M | 276 |
-| large | 32, 128 px, 4, 4x4 | 3 x 2048 | 17.10 M | 603 |
+| compact | 16, 64 px, 3, 8x8 | 2 x 512 | 3.07 M | 60 |
+| small | 16, 64 px, 4, 4x4 | 3 x 2048 | 13.18 M | 86 |
+| medium | 16, 128 px, 4, 8x8 | 3 x 2048 | 13.18 M | 276 |
+| large | 32, 128 px, 4, 4x4 | 3 x 2048 | 17.37 M | 603 |
 | paper | 64, 128 px, 4, 4x4 | 3 x 2048 | 33.88 M | 2290 |
 
-`paper` is the network of the paper with its equal loss weights. The compact sizes normalise their
-key points and see no action history, which is what worked with little training; their weight of
-the invariants is a middle one of a sweep over two decades.
+`paper` is the network of the paper with its equal loss weights. The others are made to learn from
+little: they normalise key points and layers, see no action history, give the images to the MLP
+too, and have a loss of the future that trains their encoders. Their weight of the invariants is
+one of a sweep over two decades.
 """
 
 from __future__ import annotations
@@ -43,7 +44,9 @@ _COMPACT_MIXTURE = MixtureConfig(std_floor=0.1)
 
 _ENCODERS: Mapping[str, EncoderConfig] = MappingProxyType(
     {
-        "tiny": EncoderConfig(width=16, input_px=64, stages=3, map_px=8, keypoint_batchnorm=True),
+        "compact": EncoderConfig(
+            width=16, input_px=64, stages=3, map_px=8, keypoint_batchnorm=True
+        ),
         "small": EncoderConfig(width=16, input_px=64, map_px=4, keypoint_batchnorm=True),
         "medium": EncoderConfig(width=16, input_px=128, map_px=8, keypoint_batchnorm=True),
         "large": EncoderConfig(width=32, input_px=128, map_px=4, keypoint_batchnorm=True),
@@ -54,7 +57,7 @@ _ENCODERS: Mapping[str, EncoderConfig] = MappingProxyType(
 
 def _sized(size: str) -> dict[str, Any]:
     """The parts of a config that follow from the size."""
-    mlp = MlpConfig(layers=2, width=512) if size == "tiny" else MlpConfig()
+    mlp = MlpConfig(layers=2, width=512) if size == "compact" else MlpConfig()
     if size != "paper":
         mlp = mlp.model_copy(update={"layer_norm": True, "sees_images": True})
     history = HistoryConfig() if size == "paper" else HistoryConfig(steps=0)

@@ -15,8 +15,8 @@ Precision: TypeAlias = Literal["bf16", "fp32"]
 class OptimiserConfig(Config, frozen=True):
     """AdamW; the rate rises linearly, then falls to zero as half a cosine."""
 
-    learning_rate: Annotated[float, Gt(0)] = 1e-3
-    warmup_steps: Annotated[int, Ge(0)] = 300
+    learning_rate: Annotated[float, Gt(0)] = 7e-4
+    warmup_steps: Annotated[int, Ge(0)] = 50
     weight_decay: Annotated[float, Ge(0)] = 1e-4
     clip_norm: Annotated[float, Gt(0)] = 10.0
 
@@ -39,7 +39,7 @@ class PretrainingConfig(Config, frozen=True):
     the encoders: this way they see within a tenth of the frames.
     """
 
-    frames: Positive = 100_000
+    frames: Positive = 80_000
     batch_frames: Positive = 160
     learning_rate: Annotated[float, Gt(0)] = 1e-3
 
@@ -55,7 +55,7 @@ class TrainingConfig(Config, frozen=True):
     network: PolicyConfig = Field(discriminator="method")
     pretraining: PretrainingConfig | None = None
     """None where the network has no loss of the future."""
-    timesteps: Positive = 1_500_000
+    timesteps: Positive = 1_000_000
     """Budget in frames of all windows, repetitions included."""
     batch_windows: Positive = 16
     """Windows per update, over all processes."""

@@ -7,6 +7,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,14 +18,15 @@ from common.datasets.index import EpisodeInfo
 from services.policy.learning.config import GraspLossConfig, NetworkConfig
 from services.policy.learning.images import Images, reduce_images
 from services.policy.learning.losses import compute_grasp_weights
-from services.policy.training.future import look_ahead
 from services.policy.training.config import TrainingConfig
 from services.policy.training.errors import BadTrainingData
+from services.policy.training.future import look_ahead
 
 _REDUCE_ROWS = 2048
 
 Floats = npt.NDArray[np.float32]
 Spans = npt.NDArray[np.int64]
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 log = logging.getLogger(__name__)
 
@@ -106,8 +108,9 @@ def load_training_data(
     lengths = [info.length for part in parts for info in part.infos]
     starts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
     spans = np.stack([starts, np.array(lengths, np.int64)], axis=1)
-    held = round(config.validation_share * len(spans))
-    if len(spans) - held < 1 or (held == 0 and config.validation_share > 0):
+    share = config.validation_share
+    held = max(1, round(share * len(spans))) if share > 0 else 0
+    if len(spans) <= held:
         told = f"{len(spans)} episodes with validation_share {config.validation_share}"
         raise BadTrainingData(str(folders[0]), told, "at least one on either side")
     digest = hashlib.sha256("".join(i.sha256 for p in parts for i in p.infos).encode())
@@ -227,6 +230,6 @@ def _spread(count: int, held: int) -> npt.NDArray[np.bool_]:
     return chosen
 
 
-def _join(parts: Sequence[npt.NDArray[np.generic]]) -> npt.NDArray[np.generic]:
+def _join(parts: Sequence[npt.NDArray[Scalar]]) -> npt.NDArray[Scalar]:
     full = [part for part in parts if len(part)]
     return full[0] if len(full) == 1 else np.concatenate(parts)

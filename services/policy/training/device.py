@@ -63,7 +63,7 @@ def _choose(name: str, local_rank: int) -> torch.device:
     except RuntimeError as error:
         raise NoDevice(name, available) from error
     if device.type == "cuda":
-        number = local_rank if device.index is None else device.index
+        number = int(name.split(":")[1]) if ":" in name else local_rank
         if number >= count:
             raise NoDevice(name, available)
         return torch.device("cuda", number)

@@ -6,9 +6,15 @@ import csv
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from common.errors import MissingExtra
+
+if TYPE_CHECKING:
+    from torch.utils.tensorboard.writer import SummaryWriter
 
 JSONL, CSV, CURVES = "log.jsonl", "log.csv", "curves.png"
-COLUMNS = (
+COLUMNS: tuple[str, ...] = (
     "update",
     "timesteps",
     "wall_s",
@@ -37,10 +43,15 @@ class RunLog:
     Args:
         folder: Of the run.
         update: First update that is to come.
+        tensorboard: Whether to write events for it too.
+
+    Raises:
+        MissingExtra: TensorBoard is not installed.
     """
 
-    def __init__(self, folder: Path, *, update: int) -> None:
+    def __init__(self, folder: Path, *, update: int, tensorboard: bool = False) -> None:
         self._folder = folder
+        self._board = _open_board(folder, update) if tensorboard else None
         self.rows = [row for row in _read(folder / JSONL) if _number(row, "update") <= update]
         (folder / JSONL).write_text("".join(json.dumps(row) + "\n" for row in self.rows))
         with (folder / CSV).open("w", newline="") as file:
@@ -56,6 +67,10 @@ class RunLog:
             file.write(json.dumps(kept) + "\n")
         with (self._folder / CSV).open("a", newline="") as file:
             csv.DictWriter(file, COLUMNS).writerow(kept)
+        if self._board is not None:
+            for name, value in kept.items():
+                self._board.add_scalar(name, value, int(kept["update"]))
+            self._board.flush()
 
     def draw(self) -> Path:
         """Draw losses and errors over timesteps."""
@@ -84,6 +99,15 @@ class RunLog:
         path = self._folder / CURVES
         figure.savefig(path, dpi=90)
         return path
+
+
+def _open_board(folder: Path, update: int) -> SummaryWriter:
+    """A writer of events; what it wrote of updates that come again is hidden."""
+    try:
+        from torch.utils.tensorboard.writer import SummaryWriter
+    except ModuleNotFoundError as error:
+        raise MissingExtra(error.name or "tensorboard", "tensorboard") from error
+    return SummaryWriter(folder, purge_step=update)
 
 
 def _read(path: Path) -> list[dict[str, float]]:

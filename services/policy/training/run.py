@@ -11,9 +11,10 @@ from __future__ import annotations
 import json
 import threading
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol, cast
 
 from common.errors import NotWritable
 from services.policy.learning.normalization import ActionStatistics
@@ -82,8 +83,12 @@ class Run:
         placement: Device and rank.
         progress: Is told how far it is.
         intervals: How often it logs and validates.
+        evaluate: Success rate of the network as it is, in closed loop; asked at each validation.
+
+        tensorboard: Whether to log for TensorBoard too.
 
     Raises:
+        MissingExtra: TensorBoard is not installed.
         OtherRun: The folder holds a run with another config or other data.
         BadRunState: The state in the folder is damaged.
         NotWritable: The folder cannot be written.
@@ -98,7 +103,10 @@ class Run:
         placement: Placement,
         progress: TrainingProgress,
         intervals: Intervals = Intervals(),
+        evaluate: Callable[[Trainer, int], float] | None = None,
+        tensorboard: bool = False,
     ) -> None:
+        self._evaluate = evaluate
         self._folder, self._config = folder, config
         self._placement, self._progress, self._intervals = placement, progress, intervals
         self.statistics = ActionStatistics.of(data.training_actions())
@@ -114,7 +122,11 @@ class Run:
         )
         self._timesteps_per_update = config.batch_windows * config.network.window
         self._state = load_state(folder / STATE, self._trainer)
-        self._log = RunLog(folder, update=self._state.update) if placement.leads else None
+        self._log = (
+            RunLog(folder, update=self._state.update, tensorboard=tensorboard)
+            if placement.leads
+            else None
+        )
         self._holds_out = len(data.validation) > 0
 
     def go_on(self, stop: threading.Event) -> RunResult:
@@ -177,6 +189,9 @@ class Run:
             return
         held_out = {} if validation is None else asdict(validation)
         timesteps = self.count_timesteps(update)
+        success_rate = None
+        if self._evaluate is not None and validation is not None:
+            success_rate = self._evaluate(self._trainer, update)
         self._log.append(
             {
                 "update": update,
@@ -185,6 +200,7 @@ class Run:
                 "timesteps_per_s": round(clock.rate(timesteps), 1),
                 **asdict(report),
                 **{f"validation_{name}": value for name, value in held_out.items()},
+                "success_rate": success_rate,
             }
         )
 
@@ -241,6 +257,18 @@ def _claim(folder: Path, config: TrainingConfig, data_sha256: str) -> None:
         raise NotWritable(str(folder), error.strerror or str(error)) from error
     except ValueError as error:
         raise BadRunState(str(path), "is not JSON") from error
-    for field in sorted({*ours, *theirs}):
-        if ours.get(field) != theirs.get(field):
-            raise OtherRun(str(folder), field, theirs.get(field), ours.get(field))
+    mine, stored = flatten(ours), flatten(theirs)
+    for field in sorted({*mine, *stored}):
+        if mine.get(field) != stored.get(field):
+            raise OtherRun(str(folder), field, stored.get(field), mine.get(field))
+
+
+def flatten(fields: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
+    """Values of nested objects by their path, e.g. `network.window`."""
+    flat: dict[str, object] = {}
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            flat |= flatten(cast("dict[str, Any]", value), f"{prefix}{name}.")
+        else:
+            flat[prefix + name] = value
+    return flat
