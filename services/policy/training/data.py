@@ -15,7 +15,7 @@ import torch
 
 from common.datasets import EpisodeStore
 from common.datasets.index import EpisodeInfo
-from services.policy.learning.config import GraspLossConfig, NetworkConfig
+from services.policy.learning.config import FutureLossConfig, GraspLossConfig, NetworkConfig
 from services.policy.learning.images import Images, reduce_images
 from services.policy.learning.losses import compute_grasp_weights
 from services.policy.training.config import TrainingConfig
@@ -115,15 +115,13 @@ def load_training_data(
         raise BadTrainingData(str(folders[0]), told, "at least one on either side")
     digest = hashlib.sha256("".join(i.sha256 for p in parts for i in p.infos).encode())
     chosen = _spread(len(spans), held)
-    poses = np.concatenate([_load(part.store, part.infos, "tool_pose") for part in parts])
-    loss = config.network.loss.future
     return TrainingData(
         images=_join([part.images for part in parts]),
         actions=_join([part.actions for part in parts]),
         grasp=_join([part.grasp for part in parts]),
         grasp_weight=_join([part.grasp_weight for part in parts]),
         executed=_join([part.executed for part in parts]),
-        future=look_ahead(poses, spans, loss.horizons if loss is not None else ()),
+        future=_load_future(parts, spans, config.network.loss.future),
         spans=spans[~chosen],
         validation=spans[chosen],
         origin=DataOrigin(
@@ -176,6 +174,15 @@ def _load_part(store: EpisodeStore, config: TrainingConfig, episodes: int | None
         grasp_weight=_join([_weigh(g, config.network) for g in grasp] + [np.empty(0, np.float32)]),
         executed=_load(store, infos, "action"),
     )
+
+
+def _load_future(parts: Sequence[_Part], spans: Spans, loss: FutureLossConfig | None) -> Floats:
+    """What the loss of the future asks for; without it measured poses are not needed."""
+    rows = int(spans[:, 1].sum())
+    if loss is None:
+        return np.zeros((rows, 0, 6), np.float32)
+    poses = np.concatenate([_load(part.store, part.infos, "tool_pose") for part in parts])
+    return look_ahead(poses, spans, loss.horizons)
 
 
 def _rows(store: EpisodeStore, info: EpisodeInfo, column: str) -> npt.NDArray[np.generic]:
