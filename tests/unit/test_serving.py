@@ -142,7 +142,15 @@ def test_reset_forgets_everything(folder: Path):
     ],
 )
 def test_the_grasp_does_not_flutter(probability: float, closed: bool, then: bool):
-    assert decide_grasp(probability, closed=closed, hysteresis=GraspHysteresis()) is then
+    hysteresis = GraspHysteresis(close_above=0.6, open_below=0.4)
+    assert decide_grasp(probability, closed=closed, hysteresis=hysteresis) is then
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_without_a_gap_only_the_probability_decides(closed: bool):
+    for probability in (0.49, 0.51):
+        decided = decide_grasp(probability, closed=closed, hysteresis=GraspHysteresis())
+        assert decided is (probability > 0.5)
 
 
 def test_the_probability_of_a_closed_gripper():
