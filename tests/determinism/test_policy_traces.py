@@ -45,6 +45,7 @@ def run_here(folder: Path, **changes: object) -> Evaluation:
     ).evaluation
 
 
+@pytest.mark.long
 def test_processes_and_one_process_agree_bit_for_bit(tmp_path: Path):
     """Two cells share the policy process: its passes are filled in another way."""
     folder = write_checkpoint(tmp_path / "small")
