@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.distributions import Categorical, Independent, MixtureSameFamily, Normal
 
-from services.policy.learning.gmm import LOW_NOISE_STD, Mixture, MixtureHead
+from services.policy.learning.gmm import Mixture, MixtureHead
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -78,22 +78,3 @@ def test_most_likely_mean(mixture: Mixture):
     best = mixture.log_weights[2, 3].argmax()
     assert torch.equal(mean[2, 3], mixture.means[2, 3, best])
     assert mean.shape == (4, 9, 6)
-
-
-def test_low_noise_samples_follow_the_weights():
-    weights = torch.tensor([0.6, 0.3, 0.1])
-    count = 4000
-    means = torch.tensor([-0.5, 0.0, 0.5])[:, None].expand(count, 3, 2)
-    mixture = Mixture(weights.log().expand(count, 3), means, torch.ones(count, 3, 2))
-    sample = mixture.sample_low_noise(torch.Generator().manual_seed(1))
-    component = ((sample + 0.5) / 0.5).round()
-    assert torch.equal(component[:, 0], component[:, 1])
-    share = torch.bincount(component[:, 0].long(), minlength=3) / count
-    torch.testing.assert_close(share, weights, atol=0.03, rtol=0)
-    noise = sample - (component * 0.5 - 0.5)
-    assert 0.9 * LOW_NOISE_STD < noise.std() < 1.1 * LOW_NOISE_STD
-
-
-def test_samples_are_repeatable(mixture: Mixture):
-    first, second = (mixture.sample_low_noise(torch.Generator().manual_seed(3)) for _ in range(2))
-    assert torch.equal(first, second)

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import torch
 
+from services.policy.learning.checkpoint_errors import NoSuchDevice
 from services.policy.learning.normalization import ActionStatistics
 from services.policy.training.config import TrainingConfig
 from services.policy.training.data import DataOrigin, TrainingData, load_training_data
 from services.policy.training.device import Placement, place
-from services.policy.training.errors import BadRunState, NoDevice, OtherRun
+from services.policy.training.errors import BadRunState, OtherRun
 from services.policy.training.log import COLUMNS
 from services.policy.training.run import Intervals, Run, RunResult
 from services.policy.training.trainer import (
@@ -191,5 +192,5 @@ def test_the_seed_decides_the_weights(tmp_path: Path, data: TrainingData):
 @pytest.mark.parametrize("device", ["cuda:99", "cuda:0", "abacus", "mps"])
 def test_a_device_that_is_not_there_is_told(device: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    with pytest.raises(NoDevice, match="available: cpu"):
+    with pytest.raises(NoSuchDevice, match="available: cpu"):
         place(device)

@@ -137,7 +137,7 @@ class WrongImageSize(ConfigError):
 
 
 class NoSuchDevice(ConfigError):
-    """A device that inference cannot run on."""
+    """A device that networks cannot run on here."""
 
     code = "E-DEVICE"
 
@@ -145,7 +145,7 @@ class NoSuchDevice(ConfigError):
         self.device = device
         self.available = tuple(available)
         super().__init__(
-            f'there is no device "{device}" for inference here',
+            f'there is no device "{device}" for networks here',
             expected=f"available: {', '.join(available)}",
             action="choose another --device, or look at the driver and the installation",
         )

@@ -13,9 +13,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-LOW_NOISE_STD = 1e-4
-"""Of samples at run time, in normalised units (as robomimic evaluates)."""
-
 _LOG_2PI = math.log(2.0 * math.pi)
 
 
@@ -49,20 +46,7 @@ class Mixture:
 
     def most_likely_mean(self) -> Tensor:
         """(..., D) mean of the component with the largest weight: the deterministic action."""
-        return self._mean_of(self.log_weights.argmax(dim=-1))
-
-    def sample_low_noise(self, generator: torch.Generator | None = None) -> Tensor:
-        """(..., D) mean of a component drawn from pi, with a standard deviation of 1e-4."""
-        weights = self.log_weights.detach().exp()
-        flat = weights.reshape(-1, weights.shape[-1])
-        drawn = torch.multinomial(flat, 1, generator=generator).reshape(weights.shape[:-1])
-        means = self._mean_of(drawn)
-        noise = torch.randn(
-            means.shape, generator=generator, dtype=means.dtype, device=means.device
-        )
-        return means + LOW_NOISE_STD * noise
-
-    def _mean_of(self, component: Tensor) -> Tensor:
+        component = self.log_weights.argmax(dim=-1)
         index = component[..., None, None].expand(*component.shape, 1, self.means.shape[-1])
         return self.means.gather(-2, index).squeeze(-2)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 
 from services.policy.learning.checkpoint import Checkpoint
-from services.policy.learning.checkpoint_errors import NoSuchDevice
 from services.policy.learning.checkpoint_weights import load_network
+from services.policy.learning.device import find_device
 from services.policy.learning.network import PolicyOutput, RecurrentState
 from services.policy.serving.backend import (
     ROWS,
@@ -63,20 +63,6 @@ class TorchBackend:
     def _send(self, state: Floats) -> torch.Tensor:
         padded = pad_rows(state, rows=self._rows, axis=1)
         return torch.from_numpy(padded).contiguous().to(self._device)
-
-
-def find_device(name: str) -> torch.device:
-    """A device by its name.
-
-    Raises:
-        NoSuchDevice: It is not there.
-    """
-    count = torch.cuda.device_count() if torch.cuda.is_available() else 0
-    available = ["cpu", *(f"cuda:{number}" for number in range(count))]
-    asked = "cuda:0" if name == "cuda" else name
-    if asked not in available:
-        raise NoSuchDevice(name, available)
-    return torch.device(asked)
 
 
 def _fetch(output: PolicyOutput, after: RecurrentState, cells: int) -> StepOutput:

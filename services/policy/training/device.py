@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 import torch.distributed as dist
 
-from services.policy.training.errors import NoDevice
+from services.policy.learning.device import find_device
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def place(name: str) -> Placement:
         name: `auto` (CUDA where there is one), `cpu`, `cuda` or `cuda:1`.
 
     Raises:
-        NoDevice: It is not there.
+        NoSuchDevice: It is not there.
     """
     rank, world_size = int(os.environ.get("RANK", 0)), int(os.environ.get("WORLD_SIZE", 1))
     device = _choose(name, int(os.environ.get("LOCAL_RANK", 0)))
@@ -56,17 +56,4 @@ def leave() -> None:
 def _choose(name: str, local_rank: int) -> torch.device:
     if name == "auto":
         name = "cuda" if torch.cuda.is_available() else "cpu"
-    count = torch.cuda.device_count() if torch.cuda.is_available() else 0
-    available = ", ".join(["cpu", *(f"cuda:{n}" for n in range(count))])
-    try:
-        device = torch.device(name)
-    except RuntimeError as error:
-        raise NoDevice(name, available) from error
-    if device.type == "cuda":
-        number = int(name.split(":")[1]) if ":" in name else local_rank
-        if number >= count:
-            raise NoDevice(name, available)
-        return torch.device("cuda", number)
-    if device.type != "cpu":
-        raise NoDevice(name, available)
-    return device
+    return find_device(f"cuda:{local_rank}" if name == "cuda" else name)

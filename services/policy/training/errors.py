@@ -2,7 +2,6 @@
 
 ConfigError
 ├─ BadTrainingData    a data set that this network cannot be trained on
-├─ NoDevice           a device that this machine does not have
 └─ OtherRun           the folder holds a run with another config
 StoreError
 └─ BadRunState        what is needed to go on is damaged
@@ -25,20 +24,6 @@ class BadTrainingData(ConfigError):
             f"{where}: {got}",
             expected=f"expected {expected}",
             action="look at the data with: legato data view",
-        )
-
-
-class NoDevice(ConfigError):
-    """A device that is not there."""
-
-    code = "E-NO-DEVICE"
-
-    def __init__(self, device: str, available: str) -> None:
-        self.device = device
-        super().__init__(
-            f"there is no device {device}",
-            expected=f"available: {available}",
-            action="choose one of them with --device",
         )
 
 

@@ -52,7 +52,7 @@ class RunLog:
     def __init__(self, folder: Path, *, update: int, tensorboard: bool = False) -> None:
         self._folder = folder
         self._board = _open_board(folder, update) if tensorboard else None
-        self.rows = [row for row in _read(folder / JSONL) if _number(row, "update") <= update]
+        self.rows = [row for row in _read(folder / JSONL) if row["update"] <= update]
         (folder / JSONL).write_text("".join(json.dumps(row) + "\n" for row in self.rows))
         with (folder / CSV).open("w", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS)
@@ -116,7 +116,3 @@ def _read(path: Path) -> list[dict[str, float]]:
         return []
     lines = path.read_text().split("\n")[:-1]
     return [json.loads(line) for line in lines]
-
-
-def _number(row: Mapping[str, float], name: str) -> float:
-    return row.get(name, 0.0)

@@ -1,7 +1,6 @@
 """A training run in a folder: from its config to its checkpoint, and on from where it stopped.
 
 RUN/config.json      the config; another one is refused
-RUN/statistics.json  of the actions
 RUN/log.jsonl .csv   losses, rates; curves.png is drawn from them
 RUN/state/           to go on exactly where it was
 """
@@ -84,7 +83,6 @@ class Run:
         progress: Is told how far it is.
         intervals: How often it logs and validates.
         evaluate: Success rate of the network as it is, in closed loop; asked at each validation.
-
         tensorboard: Whether to log for TensorBoard too.
 
     Raises:

@@ -1,7 +1,7 @@
 """The state of a run on disk, so that it goes on exactly where it was: tensors and numbers only.
 
-`state.safetensors` holds weights, moments and the generator, `state.json` the number of the next
-update and the best validation. Both are written beside and then put in place.
+`state.safetensors` holds weights, moments and the generator, `state.json` the number of
+updates made and the time spent. Both are written beside and then put in place.
 """
 
 from __future__ import annotations
