@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from client.commands import Train
 from client.interrupts import INTERRUPTED, postpone_interrupts
 from client.offline import missing_extra_told
+from client.training.errors import OtherTask
 from client.training.plan import TrainingPlan, make_plan
 from client.training.progress import RunProgress, open_run_progress
 from common.errors import MissingExtra
@@ -51,6 +52,8 @@ def _train(plan: TrainingPlan, progress: RunProgress, stop: threading.Event) -> 
 
     placement = place(plan.device)
     data = load_training_data(plan.data, plan.config, episodes=plan.episodes)
+    if data.origin.tasks != (plan.task,):
+        raise OtherTask(plan.task, data.origin.tasks)
     policy = TrainedPolicy(plan, data, progress=progress, stop=stop)
     running = Run(
         plan.folder,

@@ -69,6 +69,7 @@ def test_another_method_in_the_same_folder_is_refused(
     [
         (("--data", "nowhere"), "legato demo record --task lid"),
         (("--task", "lit"), "did you mean: lid"),
+        (("--task", "cup"), "the demonstrations are of lid; expected cup"),
         (("--evaluate-robot", "pandas"), "did you mean: panda"),
         (("--policy", "legato-se3", "--invariant-weight", "0.1"), "no motion-invariant loss"),
         (("--timesteps", "0"), "timesteps"),

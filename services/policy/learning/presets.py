@@ -11,7 +11,7 @@
 `paper` is the network of the paper with its equal loss weights. The others are made to learn from
 little: they normalise key points and layers, see no action history, give the images to the MLP
 too, and have a loss of the future that trains their encoders. Their weight of the invariants is
-one of a sweep over two decades.
+a choice, not the best of several.
 """
 
 from __future__ import annotations
