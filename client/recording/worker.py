@@ -113,6 +113,7 @@ def describe_episode(recorded: RecordedEpisode, *, trial: int) -> EpisodeMetadat
         details={
             "reason": result.reason,
             "failed_conditions": list(result.failed_conditions),
+            "stages": result.stages.model_dump(),
             "sim_time_s": result.sim_time_s,
             "goal_distance_m": result.goal_distance_m,
             "hand_error_p95_m": result.hand_error_m.p95,

@@ -43,7 +43,7 @@ class CupScript(StagedScript):
         self._lift_m = random.uniform(0.11, 0.14)
         self._place_y_m = PLACE_Y_M + random.uniform(-0.01, 0.01)
         self._place_turn_rad = math.radians(random.uniform(0.0, 15.0))
-        self._pause_s = random.uniform(0.0, 0.3)
+        self._look_s = random.uniform(0.0, 0.3)
         self._grasps = 0
 
     def _approach(self, view: DemonstratorView) -> list[Waypoint]:
@@ -51,7 +51,7 @@ class CupScript(StagedScript):
         self._stage = self._lift
         T_grasp = self._grasp_pose(view.objects["cup"])
         return [
-            Waypoint("line up", shifted(T_grasp, back=0.12), grasp=False, wait_s=self._pause_s),
+            Waypoint("line up", shifted(T_grasp, back=0.12), grasp=False, look_s=self._look_s),
             Waypoint("reach", T_grasp, grasp=False, speed_m_s=0.12, wait_s=0.2),
             Waypoint("close", None, grasp=True, wait_s=0.8),
         ]
@@ -63,7 +63,7 @@ class CupScript(StagedScript):
         T_lift = shifted(view.T_world_tool, up=self._lift_m)
         return [
             Waypoint("lift", T_lift, grasp=True, speed_m_s=0.2),
-            Waypoint("draw back", shifted(T_lift, back=0.08), grasp=True, wait_s=0.2),
+            Waypoint("draw back", shifted(T_lift, back=0.08), grasp=True, look_s=0.2),
         ]
 
     def _carry(self, view: DemonstratorView) -> list[Waypoint]:
@@ -74,7 +74,7 @@ class CupScript(StagedScript):
         before = self._tool_for_cup(view, x=0.0, y=0.36, above=0.04)
         return [
             Waypoint("go round the door", around, grasp=True),
-            Waypoint("stop before the cabinet", before, grasp=True, wait_s=0.3),
+            Waypoint("stop before the cabinet", before, grasp=True, look_s=0.3),
         ]
 
     def _insert(self, view: DemonstratorView) -> list[Waypoint]:
@@ -82,7 +82,7 @@ class CupScript(StagedScript):
             return self._recover(view)
         self._stage = self._lower
         T_above = self._tool_for_cup(view, x=0.0, y=self._place_y_m, above=0.03)
-        return [Waypoint("insert", T_above, grasp=True, speed_m_s=0.2, wait_s=0.3)]
+        return [Waypoint("insert", T_above, grasp=True, speed_m_s=0.2, look_s=0.3)]
 
     def _lower(self, view: DemonstratorView) -> list[Waypoint]:
         if not self._holds_cup(view):

@@ -43,7 +43,7 @@ class LadleScript(StagedScript):
         self._lift_m = random.uniform(0.12, 0.16)
         self._above_case_m = random.uniform(0.08, 0.11)
         self._handle_y_m = _HANDLE_Y_M + random.uniform(-0.010, 0.010)
-        self._pause_s = random.uniform(0.0, 0.3)
+        self._look_s = random.uniform(0.0, 0.3)
         self._grasps = 0
 
     def _approach(self, view: DemonstratorView) -> list[Waypoint]:
@@ -51,7 +51,7 @@ class LadleScript(StagedScript):
         self._stage = self._lift
         T_grasp = self._grasp_pose(view.objects["ladle"])
         return [
-            Waypoint("hover", _drawn_back(T_grasp, self._hover_m), False, wait_s=self._pause_s),
+            Waypoint("hover", _drawn_back(T_grasp, self._hover_m), False, look_s=self._look_s),
             Waypoint("reach", T_grasp, grasp=False, speed_m_s=0.15, wait_s=0.2),
             Waypoint("close", None, grasp=True, wait_s=0.8),
         ]
@@ -60,21 +60,21 @@ class LadleScript(StagedScript):
         """Straight up: the shaft lies on the rim and the scoop hangs behind it."""
         self._stage = self._carry
         T_up = shifted(view.T_world_tool, up=self._lift_m)
-        return [Waypoint("lift", T_up, grasp=True, speed_m_s=0.2, wait_s=0.3)]
+        return [Waypoint("lift", T_up, grasp=True, speed_m_s=0.2, look_s=0.3)]
 
     def _carry(self, view: DemonstratorView) -> list[Waypoint]:
         if not self._holds_ladle(view):
             return self._recover(view)
         self._stage = self._correct
         T_above = self._tool_to_lay(view, above_m=self._above_case_m)
-        return [Waypoint("carry", T_above, grasp=True, wait_s=0.3)]
+        return [Waypoint("carry", T_above, grasp=True, look_s=0.3)]
 
     def _correct(self, view: DemonstratorView) -> list[Waypoint]:
         if not self._holds_ladle(view):
             return self._recover(view)
         self._stage = self._lay
         T_above = self._tool_to_lay(view, above_m=0.05)
-        return [Waypoint("correct", T_above, grasp=True, speed_m_s=0.15, wait_s=0.3)]
+        return [Waypoint("correct", T_above, grasp=True, speed_m_s=0.15, look_s=0.3)]
 
     def _lay(self, view: DemonstratorView) -> list[Waypoint]:
         self._stage = self._retreat

@@ -162,7 +162,7 @@ class LidScript(StagedScript):
         self._depth_m = random.uniform(-0.006, 0.002)
         self._hover_m = random.uniform(0.05, 0.08)
         self._lift_m = random.uniform(0.14, 0.18)
-        self._pause_s = random.uniform(0.0, 0.3)
+        self._look_s = random.uniform(0.0, 0.3)
         self._grasp_attempts = 0
 
     def _approach(self, view: DemonstratorView) -> list[Waypoint]:
@@ -171,7 +171,7 @@ class LidScript(StagedScript):
         T_grasp = self._grasp_pose(view.objects["lid"])
         T_hover = shifted(T_grasp, up=self._hover_m, back=0.03)
         return [
-            Waypoint("hover", T_hover, grasp=False, wait_s=self._pause_s),
+            Waypoint("hover", T_hover, grasp=False, look_s=self._look_s),
             Waypoint("descend", T_grasp, grasp=False, speed_m_s=0.12, wait_s=0.2),
             Waypoint("close", None, grasp=True, wait_s=0.8),
         ]
@@ -186,7 +186,7 @@ class LidScript(StagedScript):
         self._stage = self._align
         return [
             Waypoint("escape", T_escape, grasp=True, speed_m_s=0.2),
-            Waypoint("lift", T_lift, grasp=True, wait_s=0.2),
+            Waypoint("lift", T_lift, grasp=True, look_s=0.2),
         ]
 
     def _align(self, view: DemonstratorView) -> list[Waypoint]:
@@ -194,14 +194,14 @@ class LidScript(StagedScript):
             return self._recover(view)
         self._stage = self._lower
         T_above = self._tool_for_lid(view, above_m=0.06)
-        return [Waypoint("carry", T_above, grasp=True, wait_s=0.3)]
+        return [Waypoint("carry", T_above, grasp=True, look_s=0.3)]
 
     def _lower(self, view: DemonstratorView) -> list[Waypoint]:
         if not self._holds_lid(view):
             return self._recover(view)
         self._stage = self._release
         return [
-            Waypoint("correct", self._tool_for_lid(view, above_m=0.03), grasp=True, wait_s=0.4),
+            Waypoint("correct", self._tool_for_lid(view, above_m=0.03), grasp=True, look_s=0.4),
         ]
 
     def _release(self, view: DemonstratorView) -> list[Waypoint]:

@@ -130,7 +130,8 @@ class Waypoint:
         grasp: Grasp command while moving there.
         speed_m_s: Largest speed on the way.
         turn_rad_s: Largest turning speed on the way.
-        wait_s: Time to stay after arriving.
+        wait_s: Time to stay after arriving, for the fingers or for what is held to settle.
+        look_s: Time to stay and look; a fluent demonstrator does without.
     """
 
     name: str
@@ -139,6 +140,7 @@ class Waypoint:
     speed_m_s: float = 0.25
     turn_rad_s: float = 1.2
     wait_s: float = 0.0
+    look_s: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,8 @@ class _Cell:
     configure: EpisodeConfigure
     motors: SimulatedMotors
     driver: Driver
-    action: PolicyAction | None = None
+    actions: dict[int, PolicyAction] = field(default_factory=dict[int, PolicyAction])
+    """By frame: with a latency above the period the next one comes before this one is due."""
     waiting: MotorState | None = None
     last_step: int = -1
     last_reply: list[Message] = field(default_factory=list[Message])
@@ -81,10 +82,11 @@ class GripperReactor(Reactor):
         cell = self._cells.get(action.header.cell)
         if cell is None:
             return []
-        cell.action = action
         if cell.configure.mode == "realtime":
             cell.driver.grasp = action.steps[0].grasp
-        elif cell.waiting is not None:
+            return []
+        cell.actions[action.for_step] = action
+        if cell.waiting is not None:
             return self._take_state(cell.waiting)
         return []
 
@@ -96,10 +98,14 @@ class GripperReactor(Reactor):
             return cell.last_reply
         cell.waiting = None
         if state.due_frame_step >= 0:
-            if cell.action is None or cell.action.for_step != state.due_frame_step:
+            action = cell.actions.get(state.due_frame_step)
+            if action is None:
                 cell.waiting = state
                 return []
-            cell.driver.grasp = cell.action.steps[0].grasp
+            cell.driver.grasp = action.steps[0].grasp
+            cell.actions = {
+                step: each for step, each in cell.actions.items() if step > state.due_frame_step
+            }
         cell.last_step = state.header.step
         cell.last_reply = self._drive(cell, state)
         return cell.last_reply

@@ -11,11 +11,11 @@ from common.se3 import Array
 _PLAIN_SHARE = 0.2
 """Share of episodes without any push: the path itself must be well known too."""
 _LEVELS = (0.4, 1.3)
-_FLOOR_M, _FLOOR_RAD = 0.0012, 0.006
+_FLOOR_M, _FLOOR_RAD = 0.0018, 0.008
 _SHARE_OF_MOTION = 0.12
 """A hand is the less exact the faster it moves."""
 _CORRELATION = 0.6
-_BUMP_CHANCE = 0.015
+_BUMP_CHANCE = 0.03
 _BUMP_M, _BUMP_RAD = 0.012, 0.06
 
 
@@ -36,12 +36,15 @@ class Disturbance:
         self.level = 0.0 if plain else float(level)
         self._push = np.zeros(6)
 
-    def draw(self, translation_m: Array, rotation_rad: Array) -> tuple[Array, Array]:
+    def draw(
+        self, translation_m: Array, rotation_rad: Array, *, care: float = 1.0
+    ) -> tuple[Array, Array]:
         """Push on a step.
 
         Args:
             translation_m: (3,) that the hand wants to move.
             rotation_rad: (3,) that it wants to turn.
+            care: What is left of fresh pushes, in [0, 1].
 
         Returns:
             (3,) [m] and (3,) [rad] in the hand's frame.
@@ -57,7 +60,7 @@ class Disturbance:
         fresh = math.sqrt(1.0 - _CORRELATION**2) * sigma * noise
         if bumped:
             fresh = fresh + np.repeat([_BUMP_M, _BUMP_RAD], 3) * bump
-        self._push = _CORRELATION * self._push + self.level * fresh
+        self._push = _CORRELATION * self._push + care * self.level * fresh
         return self._push[:3].copy(), self._push[3:].copy()
 
     def rest(self) -> None:

@@ -13,8 +13,6 @@ from services.policy.min_jerk import MinJerkSegment
 from services.policy.policy import Observation
 
 _PERIOD_S = FRAME_TICKS * TICK_S
-_ASTRAY_M, _ASTRAY_RAD = 0.02, 0.1
-"""A gripper that follows as it should is nearer than this whenever a way begins."""
 _BOW_FROM_M = 0.10
 """Shorter ways are too deliberate to be bent."""
 
@@ -27,6 +25,10 @@ class ExpertPolicy:
     """
 
     needs_truth = True
+    astray_m, astray_rad = 0.02, 0.1
+    """A gripper that follows as it should is nearer than this whenever a way begins."""
+    evenness = 0.0
+    """Of its ways, see `MinJerkSegment`."""
 
     def __init__(self) -> None:
         self._script: Script | None = None
@@ -100,7 +102,7 @@ class ExpertPolicy:
         if self._T_world_setpoint is None:
             return
         behind_m, behind_rad = distance(self._T_world_setpoint, T_world_tool)
-        if behind_m > _ASTRAY_M or behind_rad > _ASTRAY_RAD:
+        if behind_m > self.astray_m or behind_rad > self.astray_rad:
             self._T_world_setpoint = T_world_tool
 
     def _begin(self, waypoint: Waypoint | None) -> None:
@@ -108,7 +110,7 @@ class ExpertPolicy:
         if waypoint is None or self._T_world_setpoint is None:
             return
         self._grasp = waypoint.grasp
-        self._wait_steps = round(waypoint.wait_s / _PERIOD_S)
+        self._wait_steps = round(self._pause_s(waypoint) / _PERIOD_S)
         if waypoint.T_world_tool is None:
             return
         self._step = 0
@@ -119,7 +121,12 @@ class ExpertPolicy:
             turn_rad_s=self._pace * waypoint.turn_rad_s,
             period_s=_PERIOD_S,
             bow_m=self._draw_bow(waypoint.T_world_tool),
+            evenness=self.evenness,
         )
+
+    def _pause_s(self, waypoint: Waypoint) -> float:
+        """How long to stay where a way has ended."""
+        return waypoint.wait_s + waypoint.look_s
 
     def _draw_bow(self, T_world_goal: Array) -> Array:
         """A small sideways bend for long ways; always drawn, so that habits stay aligned."""

@@ -25,7 +25,8 @@ class MinJerkSegment:
     """Motion from one tool pose to another in whole 10 Hz steps.
 
     p = p0 + s (p1 - p0) + b 16 s^2 (1-s)^2, R = R0 exp(s log(R0^T R1)); the bow b bends the path
-    sideways without touching its ends.
+    sideways without touching its ends. s = (1 - e) min_jerk(tau) + e tau: with an evenness e above
+    zero the hand comes and goes at e times its mean speed, and stops nowhere.
 
     Args:
         T_start: (4, 4) first pose.
@@ -34,6 +35,7 @@ class MinJerkSegment:
         turn_rad_s: Largest turning speed.
         period_s: Time between two steps.
         bow_m: (3,) sideways displacement at half way.
+        evenness: e, in [0, 1].
     """
 
     def __init__(
@@ -45,20 +47,24 @@ class MinJerkSegment:
         turn_rad_s: float,
         period_s: float,
         bow_m: Array | None = None,
+        evenness: float = 0.0,
     ) -> None:
         self._T_start = T_start.copy()
         self._T_end = T_end.copy()
         self._bow = np.zeros(3) if bow_m is None else bow_m
         self._turn = log3(T_start[:3, :3].T @ T_end[:3, :3])
         way_m, angle_rad = distance(T_start, T_end)
-        duration_s = _PEAK * max(way_m / speed_m_s, angle_rad / turn_rad_s)
+        self._evenness = evenness
+        peak = _PEAK + evenness * (1.0 - _PEAK)
+        duration_s = peak * max(way_m / speed_m_s, angle_rad / turn_rad_s)
         self.steps = max(1, math.ceil(duration_s / period_s))
 
     def pose(self, step: int) -> Array:
         """(4, 4) pose after a number of steps; the end pose from `steps` on."""
         if step >= self.steps:
             return self._T_end.copy()
-        s = min_jerk(step / self.steps)
+        tau = step / self.steps
+        s = min_jerk(tau) + self._evenness * (tau - min_jerk(tau))
         p = self._T_start[:3, 3] + s * (self._T_end[:3, 3] - self._T_start[:3, 3])
         p = p + 16.0 * (s * (1.0 - s)) ** 2 * self._bow
         return make_pose(self._T_start[:3, :3] @ exp3(s * self._turn), p)

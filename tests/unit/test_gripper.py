@@ -129,6 +129,17 @@ def test_an_action_that_came_first_is_used():
     assert isinstance(command, m.MotorCommand)
 
 
+def test_an_action_waits_for_its_tick_while_newer_ones_come():
+    """With a latency above 0.1 s they do."""
+    reactor = ready_reactor()
+    for frame, grasp in ((0, True), (10, False)):
+        assert list(reactor.handle([action(frame, grasp=grasp)])) == []
+    for step, due, grasp in ((20, 0, True), (30, 10, False)):
+        _, gripper_state = reactor.handle([state(step, due=due)])
+        assert isinstance(gripper_state, m.GripperState)
+        assert gripper_state.grasp is grasp
+
+
 def test_the_same_tick_is_answered_from_memory():
     reactor = ready_reactor()
     first = list(reactor.handle([action(0, grasp=True), state(0, due=0)]))

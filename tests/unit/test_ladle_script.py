@@ -64,7 +64,7 @@ class Demonstrator:
                 self._T_world_tool = way.pose(step)
                 if self._tick(grasp=waypoint.grasp):
                     return True
-        return self._stay(waypoint.wait_s, grasp=waypoint.grasp)
+        return self._stay(waypoint.wait_s + waypoint.look_s, grasp=waypoint.grasp)
 
     def _stay(self, time_s: float, *, grasp: bool) -> bool:
         return any(self._tick(grasp=grasp) for _ in range(round(time_s / TICK_S)))

@@ -79,6 +79,19 @@ def test_a_segment_keeps_its_speed_limits_and_arrives(way_m: float, angle_rad: f
     np.testing.assert_allclose(poses[-1], T_end, atol=1e-12)
 
 
+def test_an_even_segment_never_slows_down_to_rest():
+    T_start, T_end = make_pose(np.eye(3), [0.0, 0.0, 0.5]), make_pose(np.eye(3), [0.3, 0.0, 0.5])
+    segment = MinJerkSegment(
+        T_start, T_end, speed_m_s=0.25, turn_rad_s=1.2, period_s=0.1, evenness=0.4
+    )
+    poses = [segment.pose(i) for i in range(segment.steps + 1)]
+    steps_m = [distance(a, b)[0] for a, b in itertools.pairwise(poses)]
+    mean_m = 0.3 / segment.steps
+    assert min(steps_m) >= 0.4 * mean_m
+    assert max(steps_m) <= 0.025 + 1e-9
+    np.testing.assert_allclose(poses[-1], T_end, atol=1e-12)
+
+
 def test_the_expert_moves_its_setpoint_by_its_own_actions_only():
     """Whatever the tool really does, actions compose to the path the expert meant."""
     expert = ExpertPolicy()

@@ -30,6 +30,9 @@ class EncoderConfig(Config, frozen=True):
     """Channels of the first stage; the stages have w, 2w, 4w, 8w."""
     input_px: Literal[64, 128] = 128
     """Side of the image; 64 is the 2x2 mean of the camera's 128."""
+    fold: Literal[1, 2] = 1
+    """2 = the first convolution takes 2x2 neighbours as four channels, so that a network of half
+    the side sees every pixel."""
     stages: Literal[3, 4] = 4
     """Of the ResNet18; three leave out the last, which costs most on a fine map."""
     map_px: Literal[2, 4, 8, 16] = 4
@@ -41,11 +44,12 @@ class EncoderConfig(Config, frozen=True):
     @property
     def halving_stages(self) -> int:
         """How many of the stages after the first halve the map; the stem divides by 4."""
-        return (self.input_px // self.map_px).bit_length() - 3
+        return (self.input_px // self.fold // self.map_px).bit_length() - 3
 
     @model_validator(mode="after")
     def _map_is_reachable(self) -> Self:
-        coarsest, finest = self.input_px >> (self.stages + 1), self.input_px >> 2
+        side = self.input_px // self.fold
+        coarsest, finest = side >> (self.stages + 1), side >> 2
         if not coarsest <= self.map_px <= finest:
             raise ValueError(f"map_px is {self.map_px}, not within {coarsest} to {finest}")
         return self

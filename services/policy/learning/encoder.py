@@ -16,8 +16,12 @@ class Encoder(nn.Module):
     def __init__(self, config: EncoderConfig) -> None:
         super().__init__()
         values = 2 * config.keypoints
+        self.fold = nn.PixelUnshuffle(config.fold) if config.fold > 1 else nn.Identity()
         self.resnet = ResNet18(
-            width=config.width, stages=config.stages, halving_stages=config.halving_stages
+            inputs=config.fold**2,
+            width=config.width,
+            stages=config.stages,
+            halving_stages=config.halving_stages,
         )
         self.keypoints = nn.Conv2d(self.resnet.channels, config.keypoints, 1)
         self.softmax = SpatialSoftmax(map_px=config.map_px)
@@ -27,5 +31,5 @@ class Encoder(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """(B, 1, H, W) in [0, 1] -> (B, features)."""
-        points = self.softmax(self.keypoints(self.resnet(images)))
+        points = self.softmax(self.keypoints(self.resnet(self.fold(images))))
         return torch.relu(self.linear(self.norm(points)))

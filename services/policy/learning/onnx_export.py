@@ -114,7 +114,8 @@ class _Translation:
 
     def _encode(self, encoder: Encoder, image: str) -> str:
         """Image by image up to the key points, row by row from there."""
-        maps = self._translate(encoder.keypoints, self._translate(encoder.resnet, image))
+        seen = self._translate(encoder.resnet, self._translate(encoder.fold, image))
+        maps = self._translate(encoder.keypoints, seen)
         points = self._graph.add("Gather", self._translate(encoder.softmax, maps), "rows", axis=0)
         linear = self._translate(encoder.linear, self._translate(encoder.norm, points))
         return self._graph.add("Relu", linear)
@@ -159,6 +160,8 @@ class _Translation:
             case nn.LayerNorm():
                 inputs = (x, *self._weights(module, "weight", "bias"))
                 return graph.add("LayerNormalization", *inputs, axis=-1, epsilon=module.eps)
+            case nn.PixelUnshuffle():
+                return graph.add("SpaceToDepth", x, blocksize=module.downscale_factor)
             case nn.MaxPool2d():
                 size, stride, pad = module.kernel_size, module.stride, module.padding
                 return graph.add(

@@ -1,4 +1,4 @@
-"""ResNet18 for one gray channel, with a free width, number of stages and size of the last map.
+"""ResNet18 with any number of input channels, a free width, number of stages and size of the last map.
 
 Stem: 7x7 convolution of stride 2, 3x3 maximum of stride 2. Four stages of two blocks with w, 2w,
 4w, 8w channels: y = relu(x' + bn(conv(relu(bn(conv(x)))))), x' = x, or a 1x1 convolution of it
@@ -40,16 +40,17 @@ class ResNet18(nn.Module):
     """Image to feature map.
 
     Args:
+        inputs: Channels of the image.
         width: Channels w of the first stage; each further stage doubles them.
         stages: Number of stages (4 in the original).
         halving_stages: How many of the stages after the first halve the map (3 in the original).
             The map has side input / 2^(2 + halving_stages).
     """
 
-    def __init__(self, *, width: int, stages: int, halving_stages: int) -> None:
+    def __init__(self, *, inputs: int = 1, width: int, stages: int, halving_stages: int) -> None:
         super().__init__()
         self.stem = nn.Sequential(
-            _convolution(1, width, size=7, stride=2),
+            _convolution(inputs, width, size=7, stride=2),
             nn.BatchNorm2d(width),
             nn.ReLU(),
             nn.MaxPool2d(3, stride=2, padding=1),
@@ -71,5 +72,5 @@ class ResNet18(nn.Module):
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 
     def forward(self, images: Tensor) -> Tensor:
-        """(B, 1, H, W) in [0, 1] -> (B, channels, H', W')."""
+        """(B, inputs, H, W) in [0, 1] -> (B, channels, H', W')."""
         return self.stages(self.stem(images))
