@@ -4,7 +4,9 @@ Run: python -m benchmarks.inference [--size compact --size paper] [--rounds 200]
 
 From a stereo frame to an action, through the reactor of the policy service, without the bus. The
 weights are random: the time does not depend on them. One and eight cells take turns; medians are
-printed, of wall time and of the processor time that all threads of this process took.
+printed, of wall time and of the processor time that all threads of this process took. The speed of
+large matrix products on one core, measured just before, says how fast that core was allowed to be:
+an encoder does not get beyond it.
 """
 
 from __future__ import annotations
@@ -40,6 +42,7 @@ from services.policy.serving.library import Library, ServingOptions, open_backen
 
 CELLS = 8
 COMPARED_STEPS = 20
+PRODUCT_SIZE = 1024
 
 
 def main() -> int:
@@ -64,6 +67,7 @@ def main() -> int:
 def measure_size(base: Path, size: str, *, rounds: int, threads: int) -> None:
     """Print the rows of one size."""
     folder = write_random_checkpoint(base / size, preset=f"legato-{size}")
+    print(f"{'one core, products':26s}{measure_core():7.0f} GFLOP/s")
     options = {
         "onnx": ServingOptions(),
         f"onnx, {threads} threads": ServingOptions(threads=threads),
@@ -79,6 +83,17 @@ def measure_size(base: Path, size: str, *, rounds: int, threads: int) -> None:
         )
         print(f"{size + ' ' + name:26s}{cells}{CELLS * one[0] / many[0]:12.2f}")
     print(f"{size + ' onnx - torch':26s}{compare(folder):10.1e} at most, {COMPARED_STEPS} steps")
+
+
+def measure_core() -> float:
+    """Median speed of square float32 products on one thread [GFLOP/s], by processor time."""
+    left, right = torch.rand(2, PRODUCT_SIZE, PRODUCT_SIZE)
+    times: list[float] = []
+    for _ in range(20):
+        started = time.process_time()
+        torch.mm(left, right)
+        times.append(time.process_time() - started)
+    return 2e-9 * PRODUCT_SIZE**3 / median(times)
 
 
 def write_random_checkpoint(folder: Path, *, preset: str) -> Path:

@@ -24,6 +24,8 @@ class Command:
 class Demo(Command):
     """Start everything, evaluate the lid task on two robots, write a report, stop everything."""
 
+    policy: str = "legato-lid"
+    """Who acts: the learned policy that comes with LEGATO, or expert, the scripted one."""
     trials: int = 5
     """Trials per robot."""
     seed: int = 0
@@ -99,7 +101,7 @@ class Train(Command):
     device: str = "auto"
     """auto, cpu, cuda or cuda:N; under torchrun each process takes its own."""
     threads: int = 0
-    """Of PyTorch on the CPU; 0 = one per core."""
+    """Of PyTorch on the CPU; 0 = all cores, shared with the processes of torchrun."""
     validate_every: int = 500
     """Updates between two looks at the held-out demonstrations."""
     evaluate_trials: int = 0
@@ -126,6 +128,8 @@ class Up(Command):
     """Prefix of every key on the bus; keeps deployments apart."""
     data: Path = Path("runs")
     """Folder of results, logs and the state file."""
+    checkpoints: Path | None = None
+    """Folder whose checkpoints are served under their folders' names, beside the shipped ones."""
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
     """Least level that the services log."""
     foreground: bool = False
@@ -179,12 +183,32 @@ class Eval(Command):
     """Vary exposure, vignette and noise of the images, by the trial's seed."""
     in_process: bool = False
     """Run everything inside this process, without services."""
+    workers: int | None = None
+    """Run it in so many processes of this machine, without services, as shards in --out."""
+    shard: str | None = None
+    """Run only shard i of n, as i/n with i from 0, without services; run again, it goes on."""
+    out: Path | None = None
+    """Folder that all shards of one evaluation share."""
+    pictures: bool = False
+    """With --shard: keep the pictures that a report shows."""
     json: bool = False
     """Print one JSON object instead of the table."""
     report: Path | None = None
     """Also write the results as one HTML file."""
     url: str = "http://127.0.0.1:8000"
     """Where the control plane answers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvalMerge(Command):
+    """Join the shards of an evaluation and show the results as a single run does."""
+
+    folder: Positional[Path]
+    """Folder that was given to the shards as --out."""
+    json: bool = False
+    """Print one JSON object instead of the table."""
+    report: Path | None = None
+    """Also write the results as one HTML file."""
 
 
 @dataclass(frozen=True, kw_only=True)

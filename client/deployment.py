@@ -46,6 +46,7 @@ class Deployment(BaseModel):
     router_port: Port = 7447
     namespace: Name = "legato"
     data: Path = Path("runs")
+    checkpoints: Path | None = None
     log_level: str = "INFO"
 
     @property
@@ -79,7 +80,7 @@ class Deployment(BaseModel):
                 for robot in self.robots
             ),
             self._service("gripper", "gripper"),
-            self._service("policy", "policy"),
+            self._service("policy", "policy", self._policy_arguments()),
         )
 
     def check_ports(self) -> None:
@@ -98,6 +99,9 @@ class Deployment(BaseModel):
 
     def _control_arguments(self) -> tuple[str, ...]:
         return (f"--host={HOST}", f"--port={self.rest_port}", f"--data={self.data}")
+
+    def _policy_arguments(self) -> tuple[str, ...]:
+        return () if self.checkpoints is None else (f"--checkpoints={self.checkpoints}",)
 
     def _common(self, *, endpoint: bool = True) -> tuple[str, ...]:
         where = (f"--endpoint={self.endpoint}",) if endpoint else ()

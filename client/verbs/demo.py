@@ -27,7 +27,9 @@ from common.errors import InvalidValue
 def run(command: Demo) -> int:
     """Start everything, evaluate, show, report, stop."""
     started_s = time.monotonic()
-    request = build_request(Eval(trials=command.trials, seed=command.seed), pictures=True)
+    request = build_request(
+        Eval(policy=(command.policy,), trials=command.trials, seed=command.seed), pictures=True
+    )
     deployment = _plan(command, tuple(request.robots))
     with open_deployment(deployment) as supervisor:
         record = _evaluate(deployment, supervisor, request)

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 from pydantic import ValidationError
 
@@ -70,6 +71,7 @@ def _plan(command: Up) -> Deployment:
             namespace=command.namespace,
             # The supervisor outlives the shell's folder.
             data=command.data.resolve(),
+            checkpoints=_find_folder(command.checkpoints),
             log_level=command.log_level,
         )
     except ValidationError as error:
@@ -77,6 +79,12 @@ def _plan(command: Up) -> Deployment:
         option = {"robots": "robot", "rest_port": "port"}.get(str(first["loc"][0]))
         name = option or str(first["loc"][0]).replace("_", "-")
         raise InvalidValue(f"--{name}", first["input"], first["msg"]) from error
+
+
+def _find_folder(checkpoints: Path | None) -> Path | None:
+    if checkpoints is not None and not checkpoints.is_dir():
+        raise InvalidValue("--checkpoints", str(checkpoints), "a folder")
+    return None if checkpoints is None else checkpoints.resolve()
 
 
 def _stay(deployment: Deployment) -> int:

@@ -6,7 +6,13 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from common.api import ServiceInfo
-from common.messages import NodeDescription, NodeMetrics, PolicyLoad, PolicyLoaded
+from common.messages import (
+    CheckpointDescription,
+    NodeDescription,
+    NodeMetrics,
+    PolicyLoad,
+    PolicyLoaded,
+)
 
 ROUTER_KIND = "router"
 NODE_KINDS = ("sim", "retarget", "gripper", "policy")
@@ -129,6 +135,13 @@ class NodeRegistry:
         node = self._nodes.get((description.kind, description.node))
         if node is not None and node.alive:
             node.description = description
+
+    def checkpoints(self, node: str) -> dict[str, CheckpointDescription] | None:
+        """What a policy service has in memory; None while it is not ready."""
+        known = self._nodes.get((_POLICY_KIND, node))
+        if known is None or not known.ready or known.description is None:
+            return None
+        return known.description.checkpoints
 
     def measure(self, metrics: NodeMetrics) -> None:
         """Take a node's counters."""

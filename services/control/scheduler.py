@@ -44,6 +44,7 @@ from services.control.events import (
 from services.control.lane import EvaluationRun
 from services.control.losses import LossWindow
 from services.control.nodes import Need, NodeRegistry
+from services.control.reloads import Reloads
 
 MAX_ATTEMPTS = 2
 READY_TIMEOUT_S = 20.0
@@ -97,6 +98,7 @@ class Scheduler(Reactor):
         self._ready_timeout_s = ready_timeout_s
         self._rejoin_s = rejoin_s
         self._registry = NodeRegistry()
+        self._reloads = Reloads()
         self._losses = LossWindow()
         self._runs: dict[str, EvaluationRun] = {}
         self._attempts: dict[str, Attempt] = {}
@@ -153,13 +155,17 @@ class Scheduler(Reactor):
         match message:
             case NodeUp():
                 self._registry.add(message.kind, message.node)
+                self._reloads.restart(message.node)
                 self._ask_undescribed()
             case NodeDown():
-                for request in self._registry.lose(message.kind, message.node):
+                unanswered = self._registry.lose(message.kind, message.node)
+                self._reloads.lose(unanswered)
+                for request in unanswered:
                     self._refuse_load(request, message.node)
                 self._lose(message.kind, message.node)
             case NodeDescription():
                 self._registry.describe(message)
+                self._load_again(message.node)
             case NodeMetrics():
                 self._registry.measure(message)
                 owned = self._attempts.get(message.node)
@@ -279,13 +285,27 @@ class Scheduler(Reactor):
             policy=order.policy,
             folder=order.folder,
         )
-        if self._registry.begin_load(load):
-            self._to_bus.append(load)
-        else:
+        if not self._send_load(load):
             self._refuse_load(order.request, order.node)
+
+    def _send_load(self, load: PolicyLoad) -> bool:
+        sent = self._registry.begin_load(load)
+        if sent:
+            self._reloads.begin(load)
+            self._to_bus.append(load)
+        return sent
+
+    def _load_again(self, node: str) -> None:
+        """Tell a policy service that has started again the next of what it was told before."""
+        serves = self._registry.checkpoints(node)
+        load = None if serves is None else self._reloads.take(node, serves)
+        if load is not None:
+            self._send_load(load)
 
     def _take_loaded(self, message: PolicyLoaded) -> None:
         self._registry.end_load(message)
+        self._reloads.end(message)
+        self._load_again(message.node)
         # First what is there now, then the word that it is.
         self._to_edge.append(NodesChanged(self._registry.infos()))
         self._to_edge.append(PolicyLoadEnded(message.request, message.problem))

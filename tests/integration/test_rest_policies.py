@@ -8,7 +8,7 @@ import pytest
 
 from common.api import PREFIX, Evaluation, PolicyInfo
 from common.errors import NodeTimeout
-from common.messages import NodeDown
+from common.messages import NodeDown, NodeUp
 from services.control.loads import LoadRefused, LoadWaiters
 from tests.control_nodes import FakeGripper, FakePolicy, FakeRetarget, FakeSim, make_checkpoint
 from tests.control_rest import running_plane
@@ -60,6 +60,25 @@ def test_a_load_replaces_and_an_evaluation_says_what_it_ran(rest):
         done: Evaluation = rest.wait_for_end(rest.post(policy="lid-1").json()["id"])
         hashes.append(done.versions["policy lid-1"])
     assert hashes == [make_checkpoint(folder).sha256 for folder in ("one", "two")]
+
+
+def test_a_policy_service_that_starts_again_gets_its_policies_back(rest):
+    assert put(rest, "lid-1", folder="one").status_code == 200
+    before = infos(rest)["lid-1"]
+    evaluation = restart_with(rest, "policy-1", before_it_is_up=lambda: rest.post(policy="lid-1"))
+    rest.wait_until(lambda: infos(rest)["lid-1"] == before)
+    done = rest.wait_for_end(evaluation.json()["id"])
+    assert done.versions["policy lid-1"] == make_checkpoint("one").sha256
+
+
+def restart_with(rest, node: str, *, before_it_is_up):
+    """End a policy service, which forgets what it loaded, and start it again."""
+    rest.host.inbox.put_event(NodeDown("policy", node))
+    rest.wait_until(lambda: infos(rest)["lid-1"].nodes == ["policy-0"])
+    rest.nodes[node].loaded.clear()
+    result = before_it_is_up()
+    rest.host.inbox.put_event(NodeUp("policy", node))
+    return result
 
 
 def test_one_service_can_be_chosen(rest):

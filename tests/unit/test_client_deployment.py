@@ -1,14 +1,18 @@
 from __future__ import annotations
 
 import socket
+from pathlib import Path
 
 import pytest
 
+from client.commands import Up
 from client.deployment import HOST, Deployment, find_free_ports, is_port_free
 from client.errors import NodesMissing, ProcessGaveUp
 from client.processes import RestartPolicy, read_last_line
 from client.readiness import find_missing, wait_until_ready
-from common.errors import PortInUse
+from client.verbs import deploy
+from client.verbs.deploy import up
+from common.errors import InvalidValue, PortInUse
 from tests.client_samples import make_service
 
 
@@ -32,8 +36,35 @@ def test_processes_of_a_deployment():
     assert not any(argument.startswith("--node") for argument in shown["control"][1])
 
 
+def test_checkpoints_go_to_the_policy_service(tmp_path):
+    given = "--checkpoints="
+    for checkpoints in (None, tmp_path):
+        shown = commands(Deployment(checkpoints=checkpoints))
+        arguments = [each for _, own in shown.values() for each in own if each.startswith(given)]
+        assert arguments == ([] if checkpoints is None else [f"{given}{tmp_path}"])
+        assert set(arguments) <= set(shown["policy"][1])
+
+
+def test_a_folder_of_checkpoints_that_is_not_there_is_refused_up_front(tmp_path):
+    with pytest.raises(InvalidValue, match="--checkpoints") as caught:
+        up(Up(data=tmp_path, checkpoints=tmp_path / "none"))
+    assert caught.value.http_status == 422
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_relative_folder_of_checkpoints_outlives_the_shells_folder(tmp_path, monkeypatch):
+    planned = []
+    monkeypatch.setattr(deploy, "_stay", lambda deployment: planned.append(deployment) or 0)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "trained").mkdir()
+    rest, router = find_free_ports(2)
+    checkpoints = Path("trained")
+    up(Up(port=rest, router_port=router, checkpoints=checkpoints, foreground=True))
+    assert planned[0].checkpoints == tmp_path / "trained"
+
+
 def test_deployment_survives_json():
-    deployment = Deployment(cells=3, rest_port=1234)
+    deployment = Deployment(cells=3, rest_port=1234, checkpoints=Path("trained"))
     assert Deployment.model_validate_json(deployment.model_dump_json()) == deployment
 
 

@@ -15,8 +15,9 @@ from services.policy.learning.onnx_signature import POSE_DIMS
 Floats: TypeAlias = npt.NDArray[np.float32]
 
 ROWS = 8
-"""Rows of every dense pass. A library may choose the order in which it sums a matrix product by its
-number of rows (torch on a CPU does), and an observation would get other bits in other company."""
+"""Rows of a full dense pass. A library may choose the order in which it sums a matrix product by
+its number of rows (torch on a CPU does), and an observation would get other bits in other company.
+So a pass has this many rows, or a number that was found to give the same bits."""
 
 
 @dataclass(frozen=True)

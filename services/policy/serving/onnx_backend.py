@@ -34,6 +34,7 @@ from services.policy.serving.backend import (
     join_outputs,
     pad_rows,
 )
+from services.policy.serving.row_counts import find_row_counts
 
 _UNREADABLE = (Fail, InvalidArgument, InvalidGraph, InvalidProtobuf, NotSupported, RuntimeException)
 
@@ -41,9 +42,10 @@ _UNREADABLE = (Fail, InvalidArgument, InvalidGraph, InvalidProtobuf, NotSupporte
 class OnnxBackend:
     """The graph of a checkpoint.
 
-    Images are encoded one by one, the dense part always has `ROWS` rows. One thread computes one
-    pass; with more threads the cells of a step are shared out among passes, which does not change
-    their bits.
+    Images are encoded one by one. The dense part has as many rows as there are cells, or the next
+    number of rows that gives the bits of `ROWS` rows on this machine, which is tried out at the
+    start. One thread computes one pass; with more threads the cells of a step are shared out among
+    passes, which does not change their bits either.
 
     Args:
         checkpoint: Whose graph.
@@ -62,6 +64,7 @@ class OnnxBackend:
         self.runtime = f"onnxruntime {importlib.metadata.version('onnxruntime')}"
         self.device = device
         self._session = _open(checkpoint)
+        self._row_counts = find_row_counts(self._session, checkpoint.config.network, most=ROWS)
         self._has_history = checkpoint.config.network.history.steps > 0
         self._outputs = list(output_shapes(checkpoint.config.network))
         self._threads = threads
@@ -78,16 +81,17 @@ class OnnxBackend:
 
     def _pass(self, given: StepInput) -> StepOutput:
         cells = len(given.images)
-        rows = np.zeros(ROWS, dtype=np.int64)
+        count = next(rows for rows in self._row_counts if rows >= cells)
+        rows = np.zeros(count, dtype=np.int64)
         rows[:cells] = np.arange(cells)
         fed = {
             "images": np.ascontiguousarray(given.images),
             "rows": rows,
-            "h": pad_rows(given.h, rows=ROWS, axis=1),
-            "c": pad_rows(given.c, rows=ROWS, axis=1),
+            "h": pad_rows(given.h, rows=count, axis=1),
+            "c": pad_rows(given.c, rows=count, axis=1),
         }
         if self._has_history:
-            fed["history"] = pad_rows(given.history, rows=ROWS, axis=0)
+            fed["history"] = pad_rows(given.history, rows=count, axis=0)
         values = cast("list[Floats]", self._session.run(self._outputs, fed))
         said = dict(zip(self._outputs, values, strict=True))
         logit = said.get("grasp_logit")
