@@ -92,12 +92,18 @@ def make_plan(command: Train) -> TrainingPlan:
         folder=command.out or Path("runs") / "training" / name,
         config=make_config(command),
         device=command.device,
-        threads=command.threads or os.cpu_count() or 1,
+        threads=command.threads or _share_of_cores(),
         validate_every=command.validate_every,
         evaluate_trials=command.evaluate_trials,
         evaluate_robots=tuple(robots),
         tensorboard=command.tensorboard,
     )
+
+
+def _share_of_cores() -> int:
+    """Of this process: torchrun says how many there are on this machine."""
+    processes = int(os.environ.get("LOCAL_WORLD_SIZE", 1))
+    return max(1, (os.cpu_count() or 1) // processes)
 
 
 def make_config(command: Train) -> TrainingConfig:

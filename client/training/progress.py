@@ -39,10 +39,10 @@ class RunProgress(Display, Protocol):
         ...
 
 
-def open_run_progress(stream: TextIO | None = None) -> RunProgress:
-    """The bar on a terminal, lines elsewhere."""
+def open_run_progress(stream: TextIO | None = None, *, leads: bool = True) -> RunProgress:
+    """The bar on a terminal, lines elsewhere, and in a process that does not lead."""
     target = sys.stderr if stream is None else stream
-    return BarRunProgress(target) if target.isatty() else LineRunProgress(target)
+    return BarRunProgress(target) if target.isatty() and leads else LineRunProgress(target)
 
 
 class Pace:

@@ -27,14 +27,14 @@ def run(command: Train) -> int:
         import torch
     except ModuleNotFoundError as error:
         raise MissingExtra("torch", "train") from error
-    from services.policy.training.device import leave
+    from services.policy.training.device import leave, leads
 
     with missing_extra_told():
         plan = make_plan(command)
     torch.set_num_threads(plan.threads)
     stop = threading.Event()
     try:
-        with postpone_interrupts(stop), open_run_progress() as progress:
+        with postpone_interrupts(stop), open_run_progress(leads=leads()) as progress:
             result = _train(plan, progress, stop)
     finally:
         leave()

@@ -7,6 +7,7 @@ import pytest
 
 from common.datasets import EpisodeStore
 from services.policy.learning.images import reduce_images
+from services.policy.training.config import TrainingConfig
 from services.policy.training.data import TrainingData, load_training_data
 from services.policy.training.errors import BadTrainingData
 from tests.training_data import CONFIG, write_dataset
@@ -22,6 +23,12 @@ def data(folder: Path) -> TrainingData:
     return load_training_data([folder], CONFIG)
 
 
+def see(data: TrainingData, row: int, length: int) -> np.ndarray:
+    """Images of some rows of one episode."""
+    (window,) = data.frames.windows(np.array([row]), length)
+    return window
+
+
 def test_labels_are_what_was_meant_and_histories_what_was_done(folder: Path, data: TrainingData):
     store = EpisodeStore.open(folder)
     done = np.asarray(store.column("action"), np.float64)
@@ -31,7 +38,21 @@ def test_labels_are_what_was_meant_and_histories_what_was_done(folder: Path, dat
 
 def test_images_are_those_of_deployment(folder: Path, data: TrainingData):
     raw = np.asarray(EpisodeStore.open(folder).column("images"), np.uint8)
-    np.testing.assert_array_equal(data.images, reduce_images(raw, input_px=64))
+    np.testing.assert_array_equal(see(data, 0, 20), reduce_images(raw[:20], input_px=64))
+    np.testing.assert_array_equal(see(data, 47, 20), reduce_images(raw[47:67], input_px=64))
+
+
+def test_images_of_full_size_stay_in_their_file(tmp_path: Path):
+    folder = write_dataset(tmp_path / "lid", (20, 22, 21), failed=(1,))
+    encoder = {**CONFIG.network.encoder.model_dump(), "input_px": 128}
+    network = {**CONFIG.network.model_dump(), "encoder": encoder}
+    config = TrainingConfig.model_validate({**CONFIG.model_dump(), "network": network})
+    data = load_training_data([folder], config)
+    assert data.frames.px == 128
+    store = EpisodeStore.open(folder)
+    (window,) = data.frames.windows(np.array([25]), 6)
+    assert not window.flags.writeable
+    np.testing.assert_array_equal(window, np.asarray(store.column("images"))[47:53])
 
 
 def test_grasp_labels_come_early_within_their_episode(folder: Path, data: TrainingData):
@@ -68,7 +89,9 @@ def test_failed_short_and_long_episodes_are_left_out(
 def test_data_sets_are_put_behind_each_other(folder: Path, data: TrainingData):
     both = load_training_data([folder, folder], CONFIG)
     assert both.origin.rows == 2 * data.origin.rows
-    np.testing.assert_array_equal(both.images[data.origin.rows :], data.images)
+    first = data.origin.rows
+    np.testing.assert_array_equal(see(both, first + 20, 25), see(data, 20, 25))
+    np.testing.assert_array_equal(both.actions[first:], data.actions)
     assert both.origin.sha256 != data.origin.sha256
 
 

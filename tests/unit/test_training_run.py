@@ -15,6 +15,7 @@ from services.policy.training.config import TrainingConfig
 from services.policy.training.data import DataOrigin, TrainingData, load_training_data
 from services.policy.training.device import Placement, place
 from services.policy.training.errors import BadRunState, OtherRun
+from services.policy.training.frames import Frames
 from services.policy.training.log import COLUMNS
 from services.policy.training.run import Intervals, Run, RunResult
 from services.policy.training.trainer import (
@@ -138,7 +139,7 @@ def test_encoders_learn_where_the_hand_will_be():
     actions = np.full((2 * rows, 6), 1e-3, np.float32)
     spans = np.array([[0, rows], [rows, rows]])
     data = TrainingData(
-        images=images,
+        frames=Frames([images[:rows], images[rows:]]),
         actions=actions,
         grasp=actions[:, 0],
         grasp_weight=actions[:, 0],

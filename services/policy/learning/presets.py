@@ -2,7 +2,7 @@
 
 | size | encoder: width, input, stages, map | MLP | parameters (legato) | MFLOP per step |
 |---|---|---|---|---|
-| compact | 16, 128 px folded to 64, 3, 8x8 | 2 x 512 | 3.07 M | 60 |
+| compact | 16, 128 px folded to 64, 3, 8x8 | 2 x 512 | 3.07 M | 70 |
 | small | 16, 64 px, 4, 4x4 | 3 x 2048 | 13.18 M | 86 |
 | medium | 16, 128 px, 4, 8x8 | 3 x 2048 | 13.18 M | 276 |
 | large | 32, 128 px, 4, 4x4 | 3 x 2048 | 17.37 M | 603 |

@@ -1,4 +1,4 @@
-"""Demonstrations in memory, as training needs them: images at the network's size, labels made."""
+"""Demonstrations as training needs them: images at the network's size, labels made."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ import torch
 from common.datasets import EpisodeStore
 from common.datasets.index import EpisodeInfo
 from services.policy.learning.config import FutureLossConfig, GraspLossConfig, NetworkConfig
-from services.policy.learning.images import Images, reduce_images
+from services.policy.learning.images import CAMERA_PX, Images, reduce_images
 from services.policy.learning.losses import compute_grasp_weights
 from services.policy.training.config import TrainingConfig
 from services.policy.training.errors import BadTrainingData
+from services.policy.training.frames import Frames
 from services.policy.training.future import look_ahead
 
 _REDUCE_ROWS = 2048
@@ -59,7 +60,7 @@ class TrainingData:
     """All rows of the chosen episodes, one after the other.
 
     Args:
-        images: (rows, 2, px, px) uint8.
+        frames: Images of all rows; those of 128 px stay where they are, in the data set's file.
         actions: (rows, 6) [m, rad] what is to be learned.
         grasp: (rows,) 1 = closed; early by the config's lead.
         grasp_weight: (rows,) in the grasp loss.
@@ -70,7 +71,7 @@ class TrainingData:
         origin: Where all of it comes from.
     """
 
-    images: Images
+    frames: Frames
     actions: Floats
     grasp: Floats
     grasp_weight: Floats
@@ -116,7 +117,7 @@ def load_training_data(
     digest = hashlib.sha256("".join(i.sha256 for p in parts for i in p.infos).encode())
     chosen = _spread(len(spans), held)
     return TrainingData(
-        images=_join([part.images for part in parts]),
+        frames=Frames([images for part in parts for images in part.images]),
         actions=_join([part.actions for part in parts]),
         grasp=_join([part.grasp for part in parts]),
         grasp_weight=_join([part.grasp_weight for part in parts]),
@@ -143,7 +144,7 @@ class _Part:
     store: EpisodeStore
     infos: list[EpisodeInfo]
     left_out: int
-    images: Images
+    images: list[Images]
     actions: Floats
     grasp: Floats
     grasp_weight: Floats
@@ -194,22 +195,28 @@ def _load(store: EpisodeStore, infos: Sequence[EpisodeInfo], column: str) -> Flo
     return _join([*parts, np.empty((0, *store.column(column).shape[1:]), np.float32)])
 
 
-def _load_images(store: EpisodeStore, infos: Sequence[EpisodeInfo], input_px: int) -> Images:
-    """Images at the size that the network sees, in memory."""
+def _load_images(store: EpisodeStore, infos: Sequence[EpisodeInfo], input_px: int) -> list[Images]:
+    """Images of each episode at the size that the network sees."""
     camera = store.spec.camera
-    if (camera.height, camera.width) != (128, 128):
+    if (camera.height, camera.width) != (CAMERA_PX, CAMERA_PX):
         told = f"images of {camera.height} x {camera.width}"
-        raise BadTrainingData(str(store.folder), told, "128 x 128, as the camera gives them")
+        expected = f"{CAMERA_PX} x {CAMERA_PX}, as the camera gives them"
+        raise BadTrainingData(str(store.folder), told, expected)
     images = np.asarray(store.column("images"), dtype=np.uint8)
-    rows = sum(info.length for info in infos)
-    out = np.empty((rows, 2, input_px, input_px), np.uint8)
-    at = 0
-    for info in infos:
-        for start in range(info.start, info.end, _REDUCE_ROWS):
-            part = images[start : min(start + _REDUCE_ROWS, info.end)]
-            out[at : at + len(part)] = reduce_images(part, input_px=input_px)
-            at += len(part)
-    return out
+    episodes = [images[info.start : info.end] for info in infos]
+    return episodes if input_px == CAMERA_PX else _reduce(episodes, input_px)
+
+
+def _reduce(episodes: Sequence[Images], input_px: int) -> list[Images]:
+    """Smaller images of each episode, all in one array: large ones get large memory pages."""
+    ends = np.cumsum([len(episode) for episode in episodes])
+    out = np.empty((int(ends[-1]) if len(ends) else 0, 2, input_px, input_px), np.uint8)
+    smaller = np.split(out, ends[:-1])[: len(episodes)]
+    for images, target in zip(episodes, smaller, strict=True):
+        for start in range(0, len(images), _REDUCE_ROWS):
+            part = slice(start, start + _REDUCE_ROWS)
+            target[part] = reduce_images(images[part], input_px=input_px)
+    return smaller
 
 
 def _lead(grasp: npt.NDArray[np.generic], steps: int) -> Floats:

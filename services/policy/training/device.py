@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import timedelta
 
 import torch
 import torch.distributed as dist
 
 from services.policy.learning.device import find_device
+
+_PATIENCE = timedelta(days=1)
+"""How long processes wait for rank 0, which validates, evaluates and writes alone. That one of them
+has died torchrun sees."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +36,23 @@ class Placement:
         """Whether this process writes and shows."""
         return self.rank == 0
 
+    def agree(self, stops: bool) -> bool:
+        """Whether any process stops; then all do, for they wait for each other in every update."""
+        return self.mean([float(stops)])[0] > 0.0
+
+    def mean(self, values: Sequence[float]) -> list[float]:
+        """Mean of each value over the processes; each of them waits for all."""
+        if self.world_size == 1:
+            return list(values)
+        total = torch.tensor(values, dtype=torch.float64, device=self.device)
+        dist.all_reduce(total)
+        return (total / self.world_size).tolist()
+
+
+def leads() -> bool:
+    """Whether this process is the first under torchrun, or the only one."""
+    return int(os.environ.get("RANK", 0)) == 0
+
 
 def place(name: str) -> Placement:
     """The placement that a device name means; under torchrun a process group is opened.
@@ -43,7 +66,8 @@ def place(name: str) -> Placement:
     rank, world_size = int(os.environ.get("RANK", 0)), int(os.environ.get("WORLD_SIZE", 1))
     device = _choose(name, int(os.environ.get("LOCAL_RANK", 0)))
     if world_size > 1 and not dist.is_initialized():
-        dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
+        backend = "nccl" if device.type == "cuda" else "gloo"
+        dist.init_process_group(backend, timeout=_PATIENCE)
     return Placement(device, rank, world_size)
 
 

@@ -78,14 +78,15 @@ class Run:
     Args:
         folder: Where it is kept.
         config: What it depends on.
-        data: In memory.
+        data: What is loaded.
         placement: Device and rank.
-        progress: Is told how far it is.
+        progress: Is told how far it is, in the process that leads.
         intervals: How often it logs and validates.
         evaluate: Success rate of the network as it is, in closed loop; asked at each validation.
         tensorboard: Whether to log for TensorBoard too.
 
     Raises:
+        InvalidValue: The processes cannot share the batches equally.
         MissingExtra: TensorBoard is not installed.
         OtherRun: The folder holds a run with another config or other data.
         BadRunState: The state in the folder is damaged.
@@ -108,9 +109,6 @@ class Run:
         self._folder, self._config = folder, config
         self._placement, self._progress, self._intervals = placement, progress, intervals
         self.statistics = ActionStatistics.of(data.training_actions())
-        if placement.leads:
-            _claim(folder, config, data.origin.sha256)
-        self._trainer = Trainer(config, self.statistics, placement)
         self._loader = WindowLoader(
             data, config, rank=placement.rank, world_size=placement.world_size
         )
@@ -118,8 +116,11 @@ class Run:
         self._frames = open_frames(
             data, config, rank=placement.rank, world_size=placement.world_size
         )
+        if placement.leads:
+            _claim(folder, config, data.origin.sha256)
+        self._trainer = Trainer(config, self.statistics, placement)
         self._timesteps_per_update = config.batch_windows * config.network.window
-        self._state = load_state(folder / STATE, self._trainer)
+        self._state = self._load()
         self._log = (
             RunLog(folder, update=self._state.update, tensorboard=tensorboard)
             if placement.leads
@@ -130,13 +131,14 @@ class Run:
     def go_on(self, stop: threading.Event) -> RunResult:
         """Train until the budget is spent or it is stopped; the state is saved either way."""
         update, updates = self._state.update, self._first + self._config.updates
-        self._progress.begin(
-            update=update, updates=updates, timesteps_per_update=self._timesteps_per_update
-        )
+        if self._placement.leads:
+            self._progress.begin(
+                update=update, updates=updates, timesteps_per_update=self._timesteps_per_update
+            )
         clock = _Clock(self._state.trained_s)
         report: UpdateReport | None = None
         validation: ValidationReport | None = None
-        while update < updates and not stop.is_set():
+        while update < updates and not self._placement.agree(stop.is_set()):
             made = report = None
             if update < self._first:
                 made = self._trainer.pretrain(self._frames.batch(update), update)
@@ -144,7 +146,8 @@ class Run:
                 number = update - self._first
                 made = report = self._trainer.update(self._loader.batch(number), number)
             update += 1
-            self._progress.update(update, made)
+            if self._placement.leads:
+                self._progress.update(update, made)
             validation = self._validate(update) if report is not None else None
             if update % self._intervals.log == 0 or update == updates or validation is not None:
                 self._write(update, made, validation, clock)
@@ -152,7 +155,7 @@ class Run:
                 self._save(update, clock.trained_s)
         self._save(update, clock.trained_s)
         done = update >= updates
-        if done and validation is None and self._holds_out:
+        if done and validation is None and self._holds_out and self._placement.leads:
             validation = self._trainer.validate(self._loader)
         return RunResult(self._trainer, update, done, clock.trained_s, report, validation)
 
@@ -166,6 +169,15 @@ class Run:
         pretraining = self._config.pretraining
         frames = 0 if pretraining is None else min(update, self._first) * pretraining.batch_frames
         return frames + max(0, update - self._first) * self._timesteps_per_update
+
+    def _load(self) -> RunState:
+        """What an earlier run has left; no process trains, or writes, before all have read it."""
+        folder = self._folder / STATE
+        state = load_state(folder, self._trainer)
+        (mean,) = self._placement.mean([state.update])
+        if mean != state.update:
+            raise BadRunState(str(folder), "is not the same in all processes")
+        return state
 
     def _validate(self, update: int) -> ValidationReport | None:
         number = update - self._first

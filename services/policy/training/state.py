@@ -1,7 +1,7 @@
 """The state of a run on disk, so that it goes on exactly where it was: tensors and numbers only.
 
-`state.safetensors` holds weights, moments and the generator, `state.json` the number of
-updates made and the time spent. Both are written beside and then put in place.
+`state.safetensors` holds weights and moments, `state.json` the number of updates made and the time
+spent. Both are written beside and then put in place.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from services.policy.training.errors import BadRunState
 from services.policy.training.trainer import Trainer
 
 _TENSORS, _NUMBERS = "state.safetensors", "state.json"
-_WEIGHT, _MOMENT, _GENERATOR = "weight.", "moment.", "generator"
+_WEIGHT, _MOMENT = "weight.", "moment."
 
 
 class RunState(BaseModel):
@@ -43,7 +43,6 @@ def save_state(folder: Path, trainer: Trainer, state: RunState) -> None:
     tensors = {_WEIGHT + name: value for name, value in trainer.network.state_dict().items()}
     for name, value in _list_moments(trainer).items():
         tensors[_MOMENT + name] = value
-    tensors[_GENERATOR] = torch.get_rng_state()
     file = folder / f"{state.update}-{_TENSORS}"
     save_file({name: value.contiguous().cpu() for name, value in tensors.items()}, file)
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
@@ -102,4 +101,3 @@ def _put(trainer: Trainer, tensors: dict[str, torch.Tensor]) -> None:
         # AdamW keeps its count of steps on the host.
         placed = value if key == "step" else value.to(device)
         trainer.optimiser.state[parameters[parameter]][key] = placed
-    torch.set_rng_state(tensors[_GENERATOR])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 import torch.distributed as dist
 from torch import Tensor, nn
@@ -21,6 +22,7 @@ from services.policy.training.windows import WindowBatch, WindowLoader
 
 _METRES = slice(0, 3)
 _RADIANS = slice(3, 6)
+_TERMS = ("total", "nll", "grasp", "invariant", "future")
 
 
 @dataclass(frozen=True)
@@ -81,8 +83,6 @@ class Trainer:
         if placement.world_size > 1:
             self._model = DistributedDataParallel(self.network)
         self._scale = torch.tensor(statistics.scale, device=placement.device)
-        # What a network draws (hidden histories) differs between the processes.
-        torch.manual_seed(config.seed * 1000 + 1 + placement.rank)
 
     def pretrain(self, batch: WindowBatch, update: int) -> PretrainingReport:
         """One step of the encoders alone, by where the hand will be.
@@ -112,7 +112,8 @@ class Trainer:
                     dist.all_reduce(parameter.grad)
                     parameter.grad /= self.placement.world_size
         self.optimiser.step()
-        return PretrainingReport(future=loss.item())
+        (future,) = self.placement.mean([loss.item()])
+        return PretrainingReport(future=future)
 
     def update(self, batch: WindowBatch, update: int) -> UpdateReport:
         """One step of the optimiser.
@@ -126,6 +127,7 @@ class Trainer:
         """
         optimiser = self.config.optimiser
         rate = self._set_rate(update, optimiser.learning_rate, self.config.updates)
+        self._seed_draws(update)
         self.network.train()
         self.optimiser.zero_grad(set_to_none=True)
         terms = self._losses(batch.to(self.placement.device))
@@ -136,11 +138,7 @@ class Trainer:
             raise FloatingPointError(f"the gradient of update {update} is not finite")
         self.optimiser.step()
         return UpdateReport(
-            loss=float(terms.total.detach()),
-            nll=float(terms.nll.detach()),
-            grasp=_number(terms.grasp),
-            invariant=_number(terms.invariant),
-            future=_number(terms.future),
+            **self._list_losses(terms),  # pyright: ignore[reportArgumentType]
             gradient_norm=gradient_norm,
             learning_rate=rate,
         )
@@ -178,6 +176,18 @@ class Trainer:
         for group in self.optimiser.param_groups:
             group["lr"] = rate
         return rate
+
+    def _seed_draws(self, update: int) -> None:
+        """What a network draws (hidden histories) depends on seed, update and process only."""
+        seed = np.random.SeedSequence([self.config.seed, update, self.placement.rank])
+        torch.manual_seed(int(seed.generate_state(1)[0]))
+
+    def _list_losses(self, terms: LossTerms) -> dict[str, float | None]:
+        """Terms by name, over all processes; None where the method has none."""
+        named = ((name, getattr(terms, name)) for name in _TERMS)
+        known = {name: float(term.detach()) for name, term in named if term is not None}
+        means = dict(zip(known, self.placement.mean(list(known.values())), strict=True))
+        return {"loss": means["total"], **{name: means.get(name) for name in _TERMS[1:]}}
 
     def _precision(self) -> torch.autocast:
         lower = self.config.precision == "bf16"

@@ -6,23 +6,30 @@ An episode of n rows has windows that start at clip(s, 0, n - T), s uniform over
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from common.errors import InvalidValue
 from services.policy.learning.config import NetworkConfig
-from services.policy.learning.images import CAMERA_PX, Images
+from services.policy.learning.images import Images
 from services.policy.learning.losses import Targets
-from services.policy.training.config import AugmentationConfig, TrainingConfig
+from services.policy.learning.network import POSE_DIMS
+from services.policy.training.config import TrainingConfig
 from services.policy.training.data import Floats, Spans, TrainingData
+from services.policy.training.variation import Variations, draw_variations, vary
 
 Indices = npt.NDArray[np.int64]
 
 _DEFAULT_LOSS_HISTORY = 2
+_DRAWN_TOGETHER = 64
+"""Updates whose windows are drawn at once: seeding a generator takes as long as filling a batch."""
 
 
 @dataclass(frozen=True)
@@ -60,38 +67,51 @@ class WindowBatch:
 class WindowLoader:
     """Batches of windows.
 
+    The images of a batch are overwritten by the next one of the same loader: memory that is new to
+    the process costs more than filling it.
+
     Args:
-        data: In memory.
+        data: What is loaded.
         config: Of the run.
         rank: Which share of each batch this process takes.
         world_size: Number of shares.
+
+    Raises:
+        InvalidValue: The windows of a batch cannot be shared equally.
     """
 
     def __init__(
         self, data: TrainingData, config: TrainingConfig, *, rank: int = 0, world_size: int = 1
     ) -> None:
-        self._data = data
-        self._config = config
+        if config.batch_windows % world_size:
+            expected = f"a multiple of {world_size}, the number of processes"
+            raise InvalidValue("windows per batch", config.batch_windows, expected)
+        self._frames, self._validation = data.frames, data.validation
+        self._config, self._share = config, (rank, world_size)
         self._window = config.network.window
-        self._share = (rank, world_size)
-        starts, lengths = data.spans[:, 0], data.spans[:, 1]
-        self._ends = np.cumsum(lengths + 1)
-        self._starts, self._lengths = starts, lengths
-        loss_steps = _loss_history(config.network)
-        steps = max(config.network.history.steps, loss_steps)
-        self._past = _list_history(data, steps)
-        self._history_steps, self._loss_steps = config.network.history.steps, loss_steps
+        self._starts, self._lengths = data.spans[:, 0], data.spans[:, 1]
+        self._ends = np.cumsum(self._lengths + 1)
+        self._columns = _Columns.of(data, config.network)
+        self._memory = np.empty((0, self._window, 2, data.frames.px, data.frames.px), np.uint8)
+        self._drawn = (-1, np.empty((0, 0), np.int64), np.empty((0, 0, 0), np.int64))
 
     def batch(self, update: int) -> WindowBatch:
         """This process's share of the batch of an update, varied as the config says."""
-        random = np.random.default_rng([self._config.seed, update])
-        rows = self.draw(random, self._config.batch_windows)
-        shifts = draw_shifts(random, len(rows), self._config)
-        gains = draw_gains(random, len(rows), self._config.augmentation)
+        block, number = divmod(update, _DRAWN_TOGETHER)
+        if self._drawn[0] != block:
+            self._drawn = (block, *self._draw_block(block))
         rank, world_size = self._share
+        _, rows, variations = self._drawn
         mine = slice(rank, None, world_size)
-        batch = self.gather(rows[mine], shifts[mine])
-        return WindowBatch(vary_gray(batch.images, gains[mine]), batch.history, batch.targets)
+        return self.gather(rows[number, mine], variations[number, mine])
+
+    def _draw_block(self, block: int) -> tuple[Indices, Variations]:
+        """(updates, B) first rows and (updates, B, 4) variations of the windows of some updates."""
+        random = np.random.default_rng([self._config.seed, block])
+        shape = (_DRAWN_TOGETHER, self._config.batch_windows)
+        rows = self.draw(random, math.prod(shape))
+        variations = draw_variations(random, len(rows), self._config)
+        return rows.reshape(shape), variations.reshape((*shape, 4))
 
     def draw(self, random: np.random.Generator, count: int) -> Indices:
         """(count,) first rows of windows."""
@@ -101,31 +121,34 @@ class WindowLoader:
         offset = drawn - (self._ends[episode] - (length + 1)) - self._window // 2
         return self._starts[episode] + np.clip(offset, 0, length - self._window)
 
-    def gather(self, rows: Indices, shifts: Indices | None = None) -> WindowBatch:
+    def gather(self, rows: Indices, variations: Variations | None = None) -> WindowBatch:
         """Windows by their first rows.
 
         Args:
             rows: (B,) first rows.
-            shifts: (B, 2) pixels by which images move down and right; None = not at all.
+            variations: (B, 4) of their images; None = as they are.
         """
         index = rows[:, None] + np.arange(self._window)
-        data, past = self._data, self._past[index]
-        images = _gather_images(data.images, rows, self._window, shifts)
-        return WindowBatch(
-            images=torch.from_numpy(images),
-            history=torch.from_numpy(past[:, :, past.shape[2] - self._history_steps :]),
-            targets=Targets(
-                actions=torch.from_numpy(data.actions[index]),
-                grasp=torch.from_numpy(data.grasp[index]),
-                grasp_weight=torch.from_numpy(data.grasp_weight[index]),
-                history=torch.from_numpy(past[:, :, past.shape[2] - self._loss_steps :]),
-                future=torch.from_numpy(data.future[index]),
-            ),
-        )
+        images = self._gather_images(rows, variations)
+        return self._columns.gather(index, torch.from_numpy(images))
+
+    def _gather_images(self, rows: Indices, variations: Variations | None) -> Images:
+        """(B, T, 2, px, px) in the loader's own memory."""
+        if len(rows) > len(self._memory):
+            self._memory = np.empty((len(rows), *self._memory.shape[1:]), np.uint8)
+        images = self._memory[: len(rows)]
+        windows = self._frames.windows(rows, self._window)
+        if variations is None:
+            for copy, window in zip(images, windows, strict=True):
+                copy[...] = window
+            return images
+        for copy, window, how in zip(images, windows, variations.tolist(), strict=True):
+            vary(window, copy, *how)
+        return images
 
     def validation(self) -> Iterator[WindowBatch]:
         """Held-out windows side by side, in batches; without any variation."""
-        rows = list_windows(self._data.validation, self._window)
+        rows = list_windows(self._validation, self._window)
         for start in range(0, len(rows), self._config.batch_windows):
             yield self.gather(rows[start : start + self._config.batch_windows])
 
@@ -152,34 +175,62 @@ def list_windows(spans: Spans, window: int) -> Indices:
     return np.array(rows, np.int64)
 
 
-def draw_shifts(random: np.random.Generator, count: int, config: TrainingConfig) -> Indices:
-    """(count, 2) shifts in pixels of the network's images."""
-    scale = CAMERA_PX // config.network.encoder.input_px
-    largest = config.augmentation.shift_px // scale
-    return random.integers(-largest, largest + 1, size=(count, 2))
+@dataclass(frozen=True)
+class _Columns:
+    """All numbers of a row side by side, so that a batch takes them in one go.
 
+    Args:
+        table: (rows, values) float32: actions, grasp, its weight, history, future.
+        bounds: First column of each of these, and the number of columns.
+        horizons: Times of which the future speaks.
+        history_steps: Past actions that the network sees.
+        loss_steps: Past actions that the loss sees.
+    """
 
-def draw_gains(random: np.random.Generator, count: int, config: AugmentationConfig) -> Floats:
-    """(count, 2) contrast factor and brightness offset [gray levels]."""
-    contrast = 1.0 + config.contrast * random.uniform(-1.0, 1.0, size=count)
-    brightness = 255.0 * config.brightness * random.uniform(-1.0, 1.0, size=count)
-    return np.stack([contrast, brightness], axis=1).astype(np.float32)
+    table: Floats
+    bounds: tuple[int, ...]
+    horizons: int
+    history_steps: int
+    loss_steps: int
 
+    @classmethod
+    def of(cls, data: TrainingData, network: NetworkConfig) -> _Columns:
+        """Those of a data set, with the histories that a network asks for."""
+        invariant = network.loss.invariant
+        history_steps = network.history.steps
+        loss_steps = _DEFAULT_LOSS_HISTORY if invariant is None else invariant.history_steps
+        past = _list_history(data, max(history_steps, loss_steps))
+        columns = (data.actions, data.grasp, data.grasp_weight, past, data.future)
+        parts = [column.reshape(len(column), -1) for column in columns]
+        return cls(
+            table=np.concatenate(parts, axis=1),
+            bounds=tuple(accumulate((part.shape[1] for part in parts), initial=0)),
+            horizons=data.future.shape[1],
+            history_steps=history_steps,
+            loss_steps=loss_steps,
+        )
 
-def vary_gray(images: Tensor, gains: Floats) -> Tensor:
-    """I' = clip(c (I - 127.5) + 127.5 + b) of each window, by table, so that bytes stay bytes."""
-    levels = np.arange(256, dtype=np.float32)
-    tables = gains[:, :1] * (levels - 127.5) + 127.5 + gains[:, 1:]
-    tables = np.clip(np.rint(tables), 0, 255).astype(np.uint8)
-    out = images.numpy()
-    for window, table in zip(out, tables, strict=True):
-        np.take(table, window, out=window, mode="clip")
-    return images
-
-
-def _loss_history(network: NetworkConfig) -> int:
-    invariant = network.loss.invariant
-    return _DEFAULT_LOSS_HISTORY if invariant is None else invariant.history_steps
+    def gather(self, index: Indices, images: Tensor) -> WindowBatch:
+        """Rows (B, T) with their images."""
+        # Cut up by numpy, which takes a tenth of the time that torch does.
+        taken = self.table.take(index, axis=0)
+        parts = (taken[..., start:end] for start, end in pairwise(self.bounds))
+        actions, grasp, weight, flat_past, flat_future = parts
+        past = flat_past.reshape(*index.shape, -1, POSE_DIMS)
+        steps = past.shape[2]
+        return WindowBatch(
+            images=images,
+            history=torch.from_numpy(past[:, :, steps - self.history_steps :]),
+            targets=Targets(
+                actions=torch.from_numpy(actions),
+                grasp=torch.from_numpy(grasp[..., 0]),
+                grasp_weight=torch.from_numpy(weight[..., 0]),
+                history=torch.from_numpy(past[:, :, steps - self.loss_steps :]),
+                future=torch.from_numpy(
+                    flat_future.reshape(*index.shape, self.horizons, POSE_DIMS)
+                ),
+            ),
+        )
 
 
 def _list_history(data: TrainingData, steps: int) -> Floats:
@@ -191,28 +242,3 @@ def _list_history(data: TrainingData, steps: int) -> Floats:
                 start : start + length - back
             ]
     return past
-
-
-def _gather_images(images: Images, rows: Indices, window: int, shifts: Indices | None) -> Images:
-    """(B, T, 2, px, px) copies; what a shift uncovers repeats the edge."""
-    out = np.empty((len(rows), window, *images.shape[1:]), np.uint8)
-    if shifts is None:
-        for copy, row in zip(out, rows.tolist(), strict=True):
-            copy[...] = images[row : row + window]
-        return out
-    for copy, row, (down, right) in zip(out, rows.tolist(), shifts.tolist(), strict=True):
-        _shift(images[row : row + window], copy, down, right)
-    return out
-
-
-def _shift(source: Images, target: Images, down: int, right: int) -> None:
-    """target[..., i, j] = source[..., clip(i - down), clip(j - right)]."""
-    px = source.shape[-1]
-    top, left = max(down, 0), max(right, 0)
-    bottom, end = px + min(down, 0), px + min(right, 0)
-    inner = source[..., top - down : bottom - down, left - right : end - right]
-    target[..., top:bottom, left:end] = inner
-    target[..., top:bottom, :left] = inner[..., :1]
-    target[..., top:bottom, end:] = inner[..., -1:]
-    target[..., :top, :] = target[..., top : top + 1, :]
-    target[..., bottom:, :] = target[..., bottom - 1 : bottom, :]
