@@ -47,14 +47,18 @@ def choose_strips(record: EvaluationRecord, *, budget_bytes: int = BUDGET_BYTES)
     return sorted(strips, key=lambda strip: strip.trial.id)
 
 
+def may_be_shown(trial: Trial) -> bool:
+    """Whether a report with room for it shows the pictures of a trial."""
+    return trial.index < 2 or trial.status == "failure"
+
+
 def _rank(trials: list[Trial]) -> list[Trial]:
     def rank(trial: Trial) -> tuple[int, int]:
         if trial.index == 0:
             return 0, trial.id
         return (1 if trial.status == "failure" else 2), trial.id
 
-    shown = [t for t in trials if t.pictures and (t.index < 2 or t.status == "failure")]
-    return sorted(shown, key=rank)
+    return sorted((t for t in trials if t.pictures and may_be_shown(t)), key=rank)
 
 
 def _load_strip(record: EvaluationRecord, trial: Trial) -> Strip:

@@ -33,6 +33,7 @@ VERBS: dict[tuple[str, ...], tuple[type[commands.Command], str]] = {
     ("down",): (commands.Down, "deploy:down"),
     ("status",): (commands.Status, "deploy:status"),
     ("eval",): (commands.Eval, "evaluate:run"),
+    ("eval", "merge"): (commands.EvalMerge, "shards:merge"),
     ("report",): (commands.Report, "evaluate:write"),
     ("policy", "list"): (commands.PolicyList, "policy:show_all"),
     ("policy", "load"): (commands.PolicyLoad, "policy:load"),

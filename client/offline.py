@@ -8,17 +8,17 @@ from __future__ import annotations
 import importlib.metadata
 import secrets
 import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from client.progress import Progress
 from client.record import EvaluationRecord
 from client.request import Known, check_names
 from common import __version__
-from common.api import EvaluationRequest, ProgressEvent
+from common.api import EvaluationRequest, ProgressEvent, Trial
 from common.bus import BusSettings, LocalBus, open_session
 from common.errors import InvalidValue, MissingExtra, UntrainedTask
 from common.messages import LocalMessage
@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from services.policy.serving.library import Library
 
 CELL = "sim-0"
+
+Keep: TypeAlias = Callable[[Trial, Mapping[str, bytes]], None]
+"""Takes a trial that has ended and its pictures as PNG, by name."""
 
 
 def run_in_process(
@@ -58,9 +61,35 @@ def run_in_process(
     with missing_extra_told():
         check_request_here(request, checkpoints=checkpoints)
         library = load_library(request, checkpoints=checkpoints)
-        results = _Results(progress)
+    return run_trials(request, library=library, progress=progress, stop=stop)
+
+
+def run_trials(
+    request: EvaluationRequest,
+    *,
+    library: Library,
+    progress: Progress,
+    stop: threading.Event,
+    only: Container[int] | None = None,
+    keep: Keep | None = None,
+) -> EvaluationRecord:
+    """Run an evaluation, or some of its trials, whose names and policies have been checked.
+
+    Args:
+        request: The grid.
+        library: The learned policies that it names.
+        progress: Is told how far it is.
+        stop: Cancels the evaluation when set; what has ended stays.
+        only: Numbers of the trials to run; all of the grid without it.
+        keep: Is given every trial as it ends, with its pictures by name, before `progress` is told.
+
+    Raises:
+        MissingExtra: A package that some service needs is not installed.
+    """
+    with missing_extra_told():
+        results = _Results(progress, keep)
         services = open_services(request.robots, control_sink=results.sink, library=library)
-    submitted = results.create(request)
+    submitted = results.create(request, only)
     with services as opened:
         opened.wait_until_ready(stop)
         opened.tell(submitted)
@@ -226,7 +255,7 @@ def _open(
 class _Results:
     """The results in memory, told to a progress display as they come."""
 
-    def __init__(self, progress: Progress) -> None:
+    def __init__(self, progress: Progress, keep: Keep | None) -> None:
         from services.control.database import IN_MEMORY, Database
         from services.control.deployment import Deployment
         from services.control.queries import Queries
@@ -238,12 +267,13 @@ class _Results:
         self._queries = Queries(database, namespace="offline")
         self._deployment = Deployment()
         self._progress = progress
+        self._keep = keep
         self.sink = ResultSink(self._store, self._deployment, self._show)
         self.ended = False
 
-    def create(self, request: EvaluationRequest) -> SubmitEvaluation:
+    def create(self, request: EvaluationRequest, only: Container[int] | None) -> SubmitEvaluation:
         """A new evaluation."""
-        return self._store.create(request)
+        return self._store.create(request, only=only)
 
     def record(self, identifier: str) -> EvaluationRecord:
         """What came out of it."""
@@ -257,5 +287,10 @@ class _Results:
         waiting_for = self._deployment.waiting.get(identifier, ())
         evaluation = self._queries.evaluation(identifier, waiting_for=waiting_for)
         changed = None if trial is None else self._queries.trial(identifier, trial)
+        if self._keep is not None and changed is not None and changed.ended:
+            names = changed.pictures
+            self._keep(
+                changed, {n: self._queries.picture(identifier, changed.id, n) for n in names}
+            )
         self._progress.update(ProgressEvent(evaluation=evaluation, trial=changed))
         self.ended = evaluation.status != "running"

@@ -166,6 +166,11 @@ class Trial(BaseModel):
     """Names; fetch them under `/evaluations/{id}/trials/{trial}/pictures/{name}`."""
 
     @property
+    def ended(self) -> bool:
+        """Whether it has run to an end, its own or an abort."""
+        return self.status in ("success", "failure", "aborted")
+
+    @property
     def stages(self) -> StagesReached | None:
         """How far it came, once there is a result."""
         return None if self.result is None else self.result.stages

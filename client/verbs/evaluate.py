@@ -13,7 +13,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from client.api import LegatoClient
-from client.commands import Eval, Report
+from client.commands import Eval, EvalMerge, Report
+from client.errors import WrongUse
 from client.interrupts import INTERRUPTED, postpone_interrupts
 from client.progress import open_progress
 from client.record import EvaluationRecord, load_record, to_json
@@ -28,16 +29,45 @@ CANCEL_S = 3.0
 
 def run(command: Eval) -> int:
     """Evaluate, show the results, and tell whether it was interrupted."""
+    if uses_shards(command):
+        # Here, because only few evaluations need it.
+        from client.verbs.shards import run_shards
+
+        return run_shards(command)
     command, checkpoints = name_folders(command)
     request = build_request(command, pictures=command.report is not None or not command.in_process)
     if command.in_process:
         record, interrupted = _run_here(request, checkpoints)
-        _conclude(command, record)
+        conclude(command, record)
     else:
         with LegatoClient(command.url) as client:
             record, interrupted = run_over_rest(client, request)
-            _conclude(command, record)
+            conclude(command, record)
     return INTERRUPTED if interrupted else 0
+
+
+def uses_shards(command: Eval) -> bool:
+    """Whether an evaluation is to be run in parts, with options that go together.
+
+    Raises:
+        WrongUse: Options that contradict each other, or would do nothing.
+    """
+    program = "legato eval"
+    in_shards = command.shard is not None or command.workers is not None
+    if command.shard is not None and command.workers is not None:
+        raise WrongUse(program, "--shard and --workers are given", expected="one of them")
+    if in_shards and command.out is None:
+        given = "--shard" if command.workers is None else "--workers"
+        raise WrongUse(program, f"{given} without --out", expected="the folder of the shards")
+    if command.out is not None and not in_shards:
+        raise WrongUse(program, "--out without --shard or --workers", expected="one of them")
+    if command.shard is not None and (command.json or command.report is not None):
+        expected = "--json and --report with: legato eval merge"
+        raise WrongUse(program, "a shard has no results of its own", expected=expected)
+    if command.pictures and command.shard is None:
+        expected = "--report alone, which keeps pictures"
+        raise WrongUse(program, "--pictures without --shard", expected=expected)
+    return in_shards
 
 
 def name_folders(command: Eval) -> tuple[Eval, dict[str, Path]]:
@@ -47,13 +77,13 @@ def name_folders(command: Eval) -> tuple[Eval, dict[str, Path]]:
         The command with names only, and the folders by name.
 
     Raises:
-        InvalidValue: A folder without `--in-process`, or two of one name.
+        InvalidValue: A folder for services, which have names only, or two folders of one name.
     """
     folders: dict[str, Path] = {}
     names: list[str] = []
     for given in command.policy:
         if os.sep in given:
-            if not command.in_process:
+            if not (command.in_process or command.out is not None):
                 known = "a name; first run: legato policy load NAME FOLDER"
                 raise InvalidValue("--policy", given, known)
             folder = Path(given).absolute()
@@ -116,7 +146,8 @@ def _run_here(
     return record, stop.is_set()
 
 
-def _conclude(command: Eval, record: EvaluationRecord) -> None:
+def conclude(command: Eval | EvalMerge, record: EvaluationRecord) -> None:
+    """Show the results as the options say."""
     if command.json:
         sys.stdout.write(json.dumps(to_json(record)) + "\n")
     else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Container
 from datetime import UTC, datetime
 
 from sqlalchemy import delete, insert, select, update
@@ -42,18 +43,24 @@ class Store:
         self._database = database
         self._namespace = namespace
 
-    def create(self, request: EvaluationRequest) -> SubmitEvaluation:
-        """Write down a new evaluation with all its trials, pending.
+    def create(
+        self, request: EvaluationRequest, *, only: Container[int] | None = None
+    ) -> SubmitEvaluation:
+        """Write down a new evaluation with its trials, pending.
+
+        Args:
+            request: The grid.
+            only: Numbers of the trials that belong to it; all of the grid without it.
 
         Raises:
             InvalidValue: The grid is too large.
         """
         identifier = f"e-{secrets.token_hex(4)}"
-        trials = expand_grid(identifier, request)
+        trials = _expand(identifier, request, only)
         with self._database.write() as session:
             while session.get(EvaluationRow, identifier) is not None:
                 identifier = f"e-{secrets.token_hex(4)}"
-                trials = expand_grid(identifier, request)
+                trials = _expand(identifier, request, only)
             session.add(
                 EvaluationRow(
                     id=identifier,
@@ -154,6 +161,13 @@ class Store:
                 .order_by(EvaluationRow.created_at)
             ).all()
             return [resumed for row in rows if (resumed := _resume_one(session, row)) is not None]
+
+
+def _expand(
+    identifier: str, request: EvaluationRequest, only: Container[int] | None
+) -> tuple[TrialSpec, ...]:
+    trials = expand_grid(identifier, request)
+    return trials if only is None else tuple(trial for trial in trials if trial.id in only)
 
 
 def _resume_one(session: Session, evaluation: EvaluationRow) -> SubmitEvaluation | None:

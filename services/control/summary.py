@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from common.api import CellSummary, EvaluationRequest, StageCounts, TrialStatus
 from common.messages import STAGES, TrialResult
@@ -59,7 +60,7 @@ class TrialFacts:
     trace_sha256: str | None = None
 
 
-def measurements_of(result: TrialResult | None) -> dict[str, float | str]:
+def measurements_of(result: TrialResult | None) -> dict[str, Any]:
     """The fields of `TrialFacts` that come from a result; none without one."""
     if result is None:
         return {}

@@ -104,7 +104,7 @@ def test_help_of_a_family_lists_its_verbs(run):
         (("eval", "--trials", "x"), "E-USAGE  --trials: 'x' is not a whole number; "),
         (("eval", "--trials"), "E-USAGE  Missing value for argument '--trials'"),
         (("eval", "--mode", "slow"), "E-USAGE  invalid choice 'slow' for argument '--mode'"),
-        (("eval", "extra"), "E-USAGE  Unrecognized options: extra"),
+        (("status", "extra"), "E-USAGE  Unrecognized options: extra"),
         (("topic", "echo"), "E-USAGE  missing: STR Topic"),
         (("eval", "--trials", "0"), "E-INVALID-VALUE  --trials is 0; expected "),
         (("eval", "--robot", "a b"), "E-INVALID-VALUE  --robot is 'a b'; expected "),
