@@ -27,7 +27,7 @@ def run(command: Train) -> int:
         import torch
     except ModuleNotFoundError as error:
         raise MissingExtra("torch", "train") from error
-    from services.policy.training.device import leave, leads
+    from services.policy.training.device import leads, leave
 
     with missing_extra_told():
         plan = make_plan(command)

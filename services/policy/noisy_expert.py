@@ -66,9 +66,7 @@ class NoisyExpertPolicy(ExpertPolicy):
             return False
         off_m, off_rad = distance(segment.pose(self._step), T_world_setpoint)
         late = self._step >= segment.steps + _LONGEST_SETTLING_STEPS
-        near_m, near_rad = (
-            (_ARRIVED_M, _ARRIVED_RAD) if self._stays else (_PASSED_M, _PASSED_RAD)
-        )
+        near_m, near_rad = (_ARRIVED_M, _ARRIVED_RAD) if self._stays else (_PASSED_M, _PASSED_RAD)
         return late or (off_m <= near_m and off_rad <= near_rad)
 
     def _pause_s(self, waypoint: Waypoint) -> float:

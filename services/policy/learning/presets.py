@@ -44,9 +44,7 @@ _COMPACT_MIXTURE = MixtureConfig(std_floor=0.1)
 
 _ENCODERS: Mapping[str, EncoderConfig] = MappingProxyType(
     {
-        "compact": EncoderConfig(
-            width=16, fold=2, stages=3, map_px=8, keypoint_batchnorm=True
-        ),
+        "compact": EncoderConfig(width=16, fold=2, stages=3, map_px=8, keypoint_batchnorm=True),
         "small": EncoderConfig(width=16, input_px=64, map_px=4, keypoint_batchnorm=True),
         "medium": EncoderConfig(width=16, input_px=128, map_px=8, keypoint_batchnorm=True),
         "large": EncoderConfig(width=32, input_px=128, map_px=4, keypoint_batchnorm=True),

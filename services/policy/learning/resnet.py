@@ -1,4 +1,4 @@
-"""ResNet18 with any number of input channels, a free width, number of stages and size of the last map.
+"""ResNet18 with free numbers of input channels, width and stages, and size of the last map.
 
 Stem: 7x7 convolution of stride 2, 3x3 maximum of stride 2. Four stages of two blocks with w, 2w,
 4w, 8w channels: y = relu(x' + bn(conv(relu(bn(conv(x)))))), x' = x, or a 1x1 convolution of it
