@@ -4,7 +4,7 @@ BIN := .venv/bin
 RUNS := .venv/.runs
 STAMP := .venv/.installed
 
-.PHONY: run test test-long check format bench bench-retarget bench-robosuite bench-inference clean help
+.PHONY: run test test-long test-compose check format bench bench-retarget bench-robosuite bench-inference bench-loader clean help
 .DEFAULT_GOAL := help
 
 help:   ## list the targets
@@ -31,6 +31,9 @@ test: $(STAMP)  ## all tests
 test-long: $(STAMP) ## fuzzing and holding still, which take minutes
 	$(BIN)/python -m pytest -m long
 
+test-compose: $(STAMP) ## images and containers; needs a container engine with Compose 2.24 or later
+	$(BIN)/python -m pytest -m compose tests/compose
+
 check: $(STAMP) ## format, lint, types, import contract
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -54,6 +57,9 @@ bench-robosuite: $(STAMP) ## speed of the full loop beside robosuite, in its own
 
 bench-inference: $(STAMP) ## speed of a learned policy, for one cell and for eight
 	$(BIN)/python -m benchmarks.inference
+
+bench-loader: $(STAMP) ## speed at which training gathers its windows
+	$(BIN)/python -m benchmarks.loader
 
 clean:  ## remove the environment and results
 	rm -rf .venv .venv-robosuite runs

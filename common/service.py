@@ -13,6 +13,7 @@ from types import FrameType
 
 from common.bus import Bus, BusSettings, open_session
 from common.errors import AlreadyRunning, RouterUnreachable
+from common.health import Heartbeat
 from common.host import Host, Sink
 from common.reactor import AnyMessage, Reactor
 
@@ -45,6 +46,8 @@ def run_process(
 ) -> None:
     """Give a reactor to Zenoh as a process and return after SIGTERM or SIGINT.
 
+    Touches the file that `LEGATO_HEARTBEAT` names while it is ready (`common/health.py`).
+
     Args:
         reactor: The service.
         settings: Where its bus is.
@@ -73,7 +76,7 @@ def run_process(
             log.info("ready", extra={"kind": reactor.kind, "node": node})
             if on_host is not None:
                 on_host(host, stop)
-            _loop(host, stop, parent_pid)
+            _loop(host, bus, stop, parent_pid)
             log.info("stopping", extra={"kind": reactor.kind, "node": node})
     except RouterUnreachable:
         # Told to stop while it was waiting for a router: not an error.
@@ -81,12 +84,16 @@ def run_process(
             raise
 
 
-def _loop(host: Host, stop: threading.Event, parent_pid: int | None) -> None:
+def _loop(host: Host, bus: Bus, stop: threading.Event, parent_pid: int | None) -> None:
+    heartbeat = Heartbeat.from_environment()
     while not stop.is_set():
         # The longest sleep bounds how fast SIGTERM and a lost parent are noticed.
         host.inbox.wait(min(0.1, host.next_tick_in_s(time.monotonic_ns())))
         host.spin()
-        host.tick(time.monotonic_ns())
+        now_ns = time.monotonic_ns()
+        host.tick(now_ns)
+        if heartbeat is not None and heartbeat.is_due(now_ns) and bus.is_linked:
+            heartbeat.beat(now_ns)
         if parent_pid is not None and os.getppid() != parent_pid:
             log.warning("parent is gone, stopping", extra={"parent_pid": parent_pid})
             return

@@ -73,6 +73,11 @@ class Bus:
         """Whether the session is gone."""
         return self._session.is_closed()
 
+    @property
+    def is_linked(self) -> bool:
+        """Whether there is a link to a router now."""
+        return bool(self._session.info.routers_zid())
+
     def publish(self, message: Message, *, owner: str, mode: Mode) -> None:
         """Send a message on its topic.
 

@@ -1,0 +1,117 @@
+# One image per family of services: `docker compose build`, or `docker build --target sim .`
+# Needs BuildKit. Pin BASE by digest where builds have to be the same in a year.
+ARG BASE=python:3.11-slim-bookworm
+
+FROM ${BASE} AS pip
+RUN python3 -m venv /tools && \
+    printf '#!/bin/sh\nPIP_CONFIG_FILE=/run/pip.conf HOME=/root exec /tools/bin/pip "$@"\n' \
+      > /tools/run-pip && chmod +x /tools/run-pip
+
+# A wheel of nothing but the project's metadata, equal to the bit as long as they are: what is
+# installed does not depend on the code, so a change of the code leaves the large layers alone.
+FROM pip AS tools
+WORKDIR /metadata
+COPY pyproject.toml constraints.txt ./
+RUN --mount=type=secret,id=pipconf,target=/run/pip.conf \
+    mkdir common && echo '__version__ = "0"' > common/__init__.py && touch README.md LICENSE && \
+    SOURCE_DATE_EPOCH=315532800 /tools/run-pip wheel --quiet --no-deps --wheel-dir /tools . && \
+    cp constraints.txt /tools
+
+FROM tools AS code
+WORKDIR /source
+COPY . .
+RUN --mount=type=secret,id=pipconf,target=/run/pip.conf \
+    /tools/run-pip install --quiet --no-deps --target /code . && rm -r /code/bin
+
+# What every service needs, one layer for all images. No pip and no compiler gets into them.
+FROM ${BASE} AS core
+ENV PATH=/venv/bin:$PATH \
+    PYTHONPATH=/code \
+    HOME=/tmp \
+    LEGATO_HEARTBEAT=/tmp/heartbeat \
+    OMP_NUM_THREADS=1 \
+    OPENBLAS_NUM_THREADS=1
+WORKDIR /tmp
+RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
+    --mount=type=secret,id=pipconf,target=/run/pip.conf \
+    --mount=type=cache,target=/root/.cache/pip \
+    python3 -m venv --without-pip /venv && /tools/run-pip --python /venv/bin/python \
+      install --quiet -c /tools/constraints.txt /tools/legato-0-py3-none-any.whl
+HEALTHCHECK --interval=3s --timeout=3s --start-period=90s --retries=3 \
+    CMD ["python", "-m", "common.health"]
+
+FROM core AS router
+COPY --from=code /code /code
+USER 10001:10001
+EXPOSE 7447
+ENTRYPOINT ["python", "-m", "services.router", "--listen=0.0.0.0:7447"]
+
+FROM core AS gripper
+COPY --from=code /code /code
+USER 10001:10001
+ENTRYPOINT ["python", "-m", "services.gripper"]
+
+FROM core AS sim
+RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
+    --mount=type=secret,id=pipconf,target=/run/pip.conf \
+    --mount=type=cache,target=/root/.cache/pip \
+    /tools/run-pip --python /venv/bin/python \
+      install --quiet -c /tools/constraints.txt '/tools/legato-0-py3-none-any.whl[sim]'
+COPY --from=code /code /code
+# The camera's kernels are compiled here, for any processor: code for the one that builds would be
+# compiled again, for most of a minute, on every other. Numba reads its cache only where it can also
+# write, so a start copies half a megabyte to /tmp.
+ENV NUMBA_CPU_NAME=generic
+RUN NUMBA_CACHE_DIR=/kernels python -m services.sim.camera
+ENV NUMBA_CACHE_DIR=/tmp/kernels
+USER 10001:10001
+ENTRYPOINT ["/bin/sh", "-c", "cp -r /kernels /tmp/ && exec python -m services.sim --node=\"sim-$HOSTNAME\" \"$@\"", "sim"]
+
+FROM core AS retarget
+# Pinocchio's library asks for the one of OpenMP and does not bring it.
+RUN apt-get update -q && apt-get install -q -y --no-install-recommends libgomp1 && \
+    rm -rf /var/lib/apt/lists/* /var/cache/apt/*
+RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
+    --mount=type=secret,id=pipconf,target=/run/pip.conf \
+    --mount=type=cache,target=/root/.cache/pip \
+    /tools/run-pip --python /venv/bin/python \
+      install --quiet -c /tools/constraints.txt '/tools/legato-0-py3-none-any.whl[retarget]' && \
+    rm -r /venv/lib/python3*/site-packages/cmeel.prefix/include
+COPY --from=code /code /code
+USER 10001:10001
+ENTRYPOINT ["python", "-m", "services.retarget"]
+
+FROM core AS policy
+RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
+    --mount=type=secret,id=pipconf,target=/run/pip.conf \
+    --mount=type=cache,target=/root/.cache/pip \
+    /tools/run-pip --python /venv/bin/python \
+      install --quiet -c /tools/constraints.txt '/tools/legato-0-py3-none-any.whl[policy]' && \
+    install -d -o 10001 -g 10001 /checkpoints
+COPY --from=code /code /code
+USER 10001:10001
+ENTRYPOINT ["python", "-m", "services.policy", "--checkpoints=/checkpoints"]
+
+FROM core AS policy-gpu
+RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
+    --mount=type=secret,id=pipconf,target=/run/pip.conf \
+    --mount=type=cache,target=/root/.cache/pip \
+    /tools/run-pip --python /venv/bin/python \
+      install --quiet -c /tools/constraints.txt '/tools/legato-0-py3-none-any.whl[torch]' && \
+    install -d -o 10001 -g 10001 /checkpoints
+COPY --from=code /code /code
+USER 10001:10001
+ENTRYPOINT ["python", "-m", "services.policy", "--checkpoints=/checkpoints", \
+    "--backend=torch", "--device=cuda:0"]
+
+FROM core AS control
+RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
+    --mount=type=secret,id=pipconf,target=/run/pip.conf \
+    --mount=type=cache,target=/root/.cache/pip \
+    /tools/run-pip --python /venv/bin/python \
+      install --quiet -c /tools/constraints.txt '/tools/legato-0-py3-none-any.whl[control]' && \
+    install -d -o 10001 -g 10001 /data
+COPY --from=code /code /code
+USER 10001:10001
+EXPOSE 8000
+ENTRYPOINT ["python", "-m", "services.control", "--host=0.0.0.0", "--data=/data"]
