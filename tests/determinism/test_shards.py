@@ -83,6 +83,7 @@ def untimed(record: EvaluationRecord) -> EvaluationRecord:
     )
 
 
+@pytest.mark.long
 def test_three_shards_are_one_run(tmp_path: Path, monkeypatch):
     """A learned policy too, shards in another order; one is stopped, and goes on."""
     # Whoever edits the code meanwhile would be found out.
@@ -104,6 +105,7 @@ def test_three_shards_are_one_run(tmp_path: Path, monkeypatch):
     assert "data:image/png" in render_report(merged, command="c")
 
 
+@pytest.mark.long
 def test_workers_run_all_shards_and_go_on(tmp_path: Path, capsys):
     stop = threading.Event()
     stop.set()
