@@ -201,14 +201,20 @@ class LidScript(StagedScript):
             return self._recover(view)
         self._stage = self._release
         return [
-            Waypoint("correct", self._tool_for_lid(view, above_m=0.03), grasp=True, look_s=0.4),
+            Waypoint(
+                "correct",
+                self._tool_for_lid(view, above_m=0.03),
+                grasp=True,
+                wait_s=0.1,
+                look_s=0.3,
+            ),
         ]
 
     def _release(self, view: DemonstratorView) -> list[Waypoint]:
         self._stage = self._retreat
         T_seat = self._tool_for_lid(view, above_m=0.001)
         return [
-            Waypoint("lower", T_seat, grasp=True, speed_m_s=0.1, wait_s=0.3),
+            Waypoint("lower", T_seat, grasp=True, speed_m_s=0.06, wait_s=0.4),
             Waypoint("open", None, grasp=False, wait_s=0.6),
         ]
 

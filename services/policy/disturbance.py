@@ -15,7 +15,7 @@ _FLOOR_M, _FLOOR_RAD = 0.0018, 0.008
 _SHARE_OF_MOTION = 0.12
 """A hand is the less exact the faster it moves."""
 _CORRELATION = 0.6
-_BUMP_CHANCE = 0.03
+_BUMP_CHANCE = 0.04
 _BUMP_M, _BUMP_RAD = 0.012, 0.06
 
 
