@@ -64,7 +64,8 @@ class MinJerkSegment:
         if step >= self.steps:
             return self._T_end.copy()
         tau = step / self.steps
-        s = min_jerk(tau) + self._evenness * (tau - min_jerk(tau))
+        smooth = min_jerk(tau)
+        s = smooth + self._evenness * (tau - smooth)
         p = self._T_start[:3, 3] + s * (self._T_end[:3, 3] - self._T_start[:3, 3])
         p = p + 16.0 * (s * (1.0 - s)) ** 2 * self._bow
         return make_pose(self._T_start[:3, :3] @ exp3(s * self._turn), p)

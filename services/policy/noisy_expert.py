@@ -21,7 +21,7 @@ _STREAM = 5
 _KEPT = 0.65
 """Share of the way off the path that is left after a step: a hand goes back smoothly."""
 _ARRIVED_M, _ARRIVED_RAD = 0.003, 0.02
-"""Where it stays for what its fingers do next."""
+"""Where it stays."""
 _PASSED_M, _PASSED_RAD = 0.010, 0.06
 """Where it only passes."""
 _LONGEST_SETTLING_STEPS = 12
@@ -30,10 +30,11 @@ _CARE = 0.6
 
 
 class NoisyExpertPolicy(ExpertPolicy):
-    """Follows the script; meets its waypoints in spite of pushes, and stops for its fingers only.
+    """Follows the script; meets its waypoints in spite of pushes, and stops only where it must.
 
     A policy that sees where it is, not since when, cannot leave a place where its demonstrator
-    stood still for no visible reason. So this one neither looks around nor slows down on its way.
+    stood still for no visible reason. So this one neither looks around nor slows down on its way,
+    and stays only where the script waits for the fingers or for what is held.
 
     The set-point is off the path by D = P_k^-1 S_k. Meant is P_{k+1} Exp(0.65 Log D), executed is
     that with a push.

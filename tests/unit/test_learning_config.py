@@ -112,6 +112,14 @@ def test_configs_are_frozen():
         setattr(LegatoConfig(), "window", 10)  # noqa: B010
 
 
+def test_a_folded_encoder_has_the_stages_of_half_the_side():
+    folded = EncoderConfig.model_validate({"fold": 2, "stages": 3, "map_px": 8})
+    halved = EncoderConfig.model_validate({"input_px": 64, "stages": 3, "map_px": 8})
+    assert folded.halving_stages == halved.halving_stages == 1
+    with pytest.raises(ValidationError):
+        EncoderConfig.model_validate({"fold": 2, "stages": 3, "map_px": 2})
+
+
 @pytest.mark.parametrize(
     ("input_px", "map_px", "halving"),
     [(128, 4, 3), (128, 8, 2), (64, 2, 3), (64, 8, 1), (64, 16, 0)],
