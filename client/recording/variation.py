@@ -13,10 +13,16 @@ from common.clock import TICK_S
 
 _STREAM = 3
 """Worlds, experts and sensors draw from other streams of a trial's seed."""
+_NOMINAL_SHARE = 0.5
+"""Share of the trials that leave a variation out: drawn evenly, nearly no trial would be nominal,
+and a policy would know the hand that obeys at once from the rim of what it has seen."""
 
 
 class Variation(BaseModel):
-    """Largest values; each trial draws its own, evenly from zero to these, by its seed."""
+    """Largest values; a trial draws its own by its seed, evenly from zero to these.
+
+    Each of the three is left out of half of the trials, whatever the others do.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -34,12 +40,13 @@ class Variation(BaseModel):
         """
         random = np.random.default_rng([seed, _STREAM])
         lag_share, latency_share = random.uniform(size=2).tolist()
-        ticks = round(latency_share * self.action_latency_s / TICK_S)
+        lags, is_late, is_randomised = (random.random(size=3) >= _NOMINAL_SHARE).tolist()
+        ticks = is_late * round(latency_share * self.action_latency_s / TICK_S)
         return request.model_copy(
             update={
-                "tracking_lag_s": lag_share * self.tracking_lag_s,
+                "tracking_lag_s": lags * lag_share * self.tracking_lag_s,
                 "action_latency_s": ticks * TICK_S,
-                "randomise_camera": self.randomise_camera,
+                "randomise_camera": is_randomised and self.randomise_camera,
             }
         )
 

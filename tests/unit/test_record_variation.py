@@ -21,10 +21,20 @@ def test_trials_draw_their_own_values_within_the_range():
     assert drawn == [variation.apply(REQUEST, seed=seed) for seed in range(200)]
     lags = [each.tracking_lag_s for each in drawn]
     latencies = {round(1000 * each.action_latency_s) for each in drawn}
-    assert 0.0 <= min(lags) < 0.01
     assert 0.11 < max(lags) <= 0.12
     assert latencies == set(range(0, 101, 10))
-    assert all(each.randomise_camera for each in drawn)
+
+
+def test_each_kind_of_variation_is_left_out_of_half_of_the_trials():
+    variation = Variation(tracking_lag_s=0.12, action_latency_s=0.1, randomise_camera=True)
+    drawn = [variation.apply(REQUEST, seed=seed) for seed in range(400)]
+    obeys = [each.tracking_lag_s == 0.0 for each in drawn]
+    # A twentieth of the latencies that are drawn are rounded to none.
+    at_once = [each.action_latency_s == 0.0 for each in drawn]
+    clean = [not each.randomise_camera for each in drawn]
+    for left_out in (obeys, at_once, clean):
+        assert 160 < sum(left_out) < 250
+    assert 25 < sum(all(each) for each in zip(obeys, at_once, clean, strict=True)) < 80
 
 
 def test_the_plan_takes_it_from_the_command_line():

@@ -172,7 +172,7 @@ def test_losses_are_those_of_one_process_with_the_whole_batch(
     shapes = {name: value.shape for name, value in alone.trainer.network.named_parameters()}
     assert shapes == {name: value.shape for name, value in whole.weights[0].items()}
     ours, theirs = read_log(whole.folder), read_log(tmp_path / "run")
-    for name, share in (("loss", 0.01), ("nll", 0.003), ("future", 0.03)):
+    for name, share in (("loss", 0.01), ("nll", 0.003), ("future", 0.06)):
         got, expected = ([row[name] for row in rows if name in row] for rows in (ours, theirs))
         assert len(got) >= UPDATES
         np.testing.assert_allclose(got, expected, rtol=share)

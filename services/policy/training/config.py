@@ -24,8 +24,9 @@ class OptimiserConfig(Config, frozen=True):
 class AugmentationConfig(Config, frozen=True):
     """What is varied in the images of a window, the same for all its frames and both eyes."""
 
-    shift_px: Annotated[int, Ge(0), Le(32)] = 4
-    """Largest shift, in pixels of the camera's 128."""
+    shift_px: Annotated[int, Ge(0), Le(32)] = 1
+    """Largest shift, in pixels of the camera's 128: how well a camera is mounted. Where something
+    is in the image is how far it is from the fingers; a pixel is 10 mm there."""
     brightness: Annotated[float, Ge(0), Lt(1)] = 0.1
     """Largest change of the gray level, as a share of white."""
     contrast: Annotated[float, Ge(0), Lt(1)] = 0.15
