@@ -130,6 +130,8 @@ class Up(Command):
     """Folder of results, logs and the state file."""
     checkpoints: Path | None = None
     """Folder whose checkpoints are served under their folders' names, beside the shipped ones."""
+    certs: Path | None = None
+    """Folder that `legato certs create` made: encrypt the bus, let each role do only its own."""
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
     """Least level that the services log."""
     foreground: bool = False
@@ -253,6 +255,34 @@ class PolicyLoad(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
+class CertsCreate(Command):
+    """Make an authority and one certificate per role, for an encrypted bus with access control."""
+
+    out: Path = Path("certs")
+    """New folder: the authority, and a folder per role to copy to its machine."""
+    host: Repeated = ()
+    """Name or address under which other machines reach the router; give it again for more."""
+    days: int = 365
+    """How long the certificates of the roles are valid; the authority lasts ten years."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertsAdd(Command):
+    """Make one more certificate with the authority that is there: a further host, or a new key."""
+
+    role: Positional[str]
+    """Role, as in docs/security.md."""
+    out: Path = Path("certs")
+    """Folder of the authority."""
+    name: str | None = None
+    """Folder of the certificate in there (default: the role)."""
+    host: Repeated = ()
+    """Router: name or address under which other machines reach it; give it again for more."""
+    days: int = 365
+    """How long it is valid."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class RobotList(Command):
     """List every robot: joints, mass without gripper, reach at table height."""
 
@@ -356,6 +386,8 @@ class Bus(Command):
     """Address of the Zenoh router."""
     namespace: str = "legato"
     """Prefix of every key of the deployment."""
+    certs: Path | None = None
+    """Folder of a certificate of the role viewer, for an endpoint tls/HOST:PORT."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -47,6 +47,7 @@ class Deployment(BaseModel):
     namespace: Name = "legato"
     data: Path = Path("runs")
     checkpoints: Path | None = None
+    certs: Path | None = None
     log_level: str = "INFO"
 
     @property
@@ -57,7 +58,8 @@ class Deployment(BaseModel):
     @property
     def endpoint(self) -> str:
         """Where the router listens."""
-        return f"tcp/{HOST}:{self.router_port}"
+        scheme = "tcp" if self.certs is None else "tls"
+        return f"{scheme}/{HOST}:{self.router_port}"
 
     @property
     def logs(self) -> Path:
@@ -71,7 +73,7 @@ class Deployment(BaseModel):
                 "router",
                 "router",
                 "services.router",
-                (f"--listen={HOST}:{self.router_port}", *self._common(endpoint=False)),
+                (f"--listen={HOST}:{self.router_port}", *self._common("router", endpoint=False)),
             ),
             self._service("control", "control", self._control_arguments()),
             *(self._service("sim", f"sim-{number}") for number in range(self.cells)),
@@ -95,7 +97,7 @@ class Deployment(BaseModel):
 
     def _service(self, kind: str, node: str, own: tuple[str, ...] = ()) -> ProcessSpec:
         name = () if kind == "control" else (f"--node={node}",)
-        return ProcessSpec(kind, node, f"services.{kind}", (*name, *own, *self._common()))
+        return ProcessSpec(kind, node, f"services.{kind}", (*name, *own, *self._common(kind)))
 
     def _control_arguments(self) -> tuple[str, ...]:
         return (f"--host={HOST}", f"--port={self.rest_port}", f"--data={self.data}")
@@ -103,8 +105,12 @@ class Deployment(BaseModel):
     def _policy_arguments(self) -> tuple[str, ...]:
         return () if self.checkpoints is None else (f"--checkpoints={self.checkpoints}",)
 
-    def _common(self, *, endpoint: bool = True) -> tuple[str, ...]:
+    def _common(self, kind: str, *, endpoint: bool = True) -> tuple[str, ...]:
         where = (f"--endpoint={self.endpoint}",) if endpoint else ()
+        if self.certs is not None:
+            # Its policy service runs the scripted expert too.
+            role = "expert" if kind == "policy" else kind
+            where += (f"--certs={self.certs / role}",)
         return (*where, f"--namespace={self.namespace}", f"--log-level={self.log_level}")
 
 

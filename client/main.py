@@ -37,6 +37,8 @@ VERBS: dict[tuple[str, ...], tuple[type[commands.Command], str]] = {
     ("report",): (commands.Report, "evaluate:write"),
     ("policy", "list"): (commands.PolicyList, "policy:show_all"),
     ("policy", "load"): (commands.PolicyLoad, "policy:load"),
+    ("certs", "create"): (commands.CertsCreate, "certs:create"),
+    ("certs", "add"): (commands.CertsAdd, "certs:add"),
     ("robot", "list"): (commands.RobotList, "robot:show_all"),
     ("robot", "check"): (commands.RobotCheck, "robot:check"),
     ("data", "view"): (commands.DataView, "data:view"),

@@ -1,11 +1,12 @@
 """The one tree of errors.
 
 LegatoError
-├─ ConfigError      UnknownName, InvalidValue, MissingExtra, UntrainedTask
+├─ ConfigError      UnknownName, InvalidValue, MissingExtra, UntrainedTask, BadCertificate
 ├─ ContractError    SchemaMismatch, MalformedMessage, WrongShape
 ├─ ModelError       BadRobotFile, ModelMismatch, BadCalibration, FootholdOutOfReach,
 │                   UnsupportedGeom, BadMeshes, MeshesDoNotFit
-├─ LinkError        RouterUnreachable, NotReady, NodeTimeout, AlreadyRunning, PortInUse
+├─ LinkError        RouterUnreachable (and RouterRefused), NotReady, NodeTimeout, AlreadyRunning,
+│                   PortInUse
 └─ StoreError       NotFound, NotWritable
 
 Each class is built from data, has a stable code and says what happened, what was expected or
@@ -108,6 +109,21 @@ class UntrainedTask(ConfigError):
             f'the policy {policy} was not trained for the task "{task}"',
             expected=f"trained for: {', '.join(tasks)}",
             action="choose another policy or another task",
+        )
+
+
+class BadCertificate(ConfigError):
+    """A certificate or key that is missing, cannot be read, or is not valid."""
+
+    code = "E-CERTIFICATE"
+
+    def __init__(self, path: str, problem: str) -> None:
+        self.path = path
+        self.problem = problem
+        super().__init__(
+            f"{path}: {problem}",
+            expected="expected ca.pem, cert.pem and key.pem of one role, readable and valid now",
+            action="copy the role's folder again, or make it with: legato certs (docs/security.md)",
         )
 
 
@@ -307,6 +323,24 @@ class RouterUnreachable(LinkError):
             f"no router at {endpoint} after {after_s:.1f} s",
             expected="expected a running LEGATO router",
             action="run: legato up",
+        )
+
+
+class RouterRefused(RouterUnreachable):
+    """No encrypted link to the router; Zenoh itself says only that it could not connect."""
+
+    code = "E-ROUTER-TLS"
+
+    def __init__(self, endpoint: str, after_s: float, problem: str) -> None:
+        self.endpoint = endpoint
+        self.after_s = after_s
+        self.problem = problem
+        LinkError.__init__(
+            self,
+            f"no encrypted link to {endpoint} after {after_s:.1f} s: {problem}",
+            expected="expected a router with certificates of the same authority",
+            action="check that it runs with --certs, that its certificate has this host name, "
+            "that both ca.pem are equal, and the clocks (docs/security.md)",
         )
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from common.bus import BusSettings
+from common.bus import BusSettings, Credentials
 from common.errors import LegatoError
 from common.log import configure_logging
 from common.service import Reactor, run_process
@@ -20,8 +22,11 @@ def add_bus_options(parser: argparse.ArgumentParser, *, default_node: str) -> No
     """Add the options that every process has: its name, its bus, its parent, its log."""
     parser.add_argument("--node", default=default_node, help="name on the bus (%(default)s)")
     parser.add_argument(
-        "--endpoint", default="tcp/127.0.0.1:7447", help="Zenoh router (%(default)s)"
+        "--endpoint",
+        default=os.environ.get("LEGATO_ENDPOINT") or "tcp/127.0.0.1:7447",
+        help="Zenoh router (LEGATO_ENDPOINT; %(default)s)",
     )
+    add_certs_option(parser)
     parser.add_argument("--namespace", default="legato", help="deployment (%(default)s)")
     parser.add_argument(
         "--parent-pid", type=int, default=None, help="stop when this process is gone"
@@ -34,9 +39,36 @@ def add_bus_options(parser: argparse.ArgumentParser, *, default_node: str) -> No
     )
 
 
+def add_certs_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of who this process is, for an encrypted bus."""
+    folder = os.environ.get("LEGATO_CERTS")
+    parser.add_argument(
+        "--certs",
+        type=Path,
+        default=Path(folder) if folder else None,
+        help="folder of its certificate: ca.pem, cert.pem, key.pem (LEGATO_CERTS; none)",
+    )
+
+
+def load_credentials(args: argparse.Namespace) -> Credentials | None:
+    """Who this process is, from the option `--certs`.
+
+    Raises:
+        BadCertificate: It cannot be used.
+    """
+    return None if args.certs is None else Credentials.from_folder(args.certs)
+
+
 def bus_settings(args: argparse.Namespace) -> BusSettings:
-    """Where the bus is, from the options of `add_bus_options`."""
-    return BusSettings(endpoint=args.endpoint, namespace=args.namespace)
+    """Where the bus is, from the options of `add_bus_options`.
+
+    Raises:
+        BadCertificate: `--certs` cannot be used.
+        InvalidValue: `--endpoint` and `--certs` do not go together.
+    """
+    return BusSettings(
+        endpoint=args.endpoint, namespace=args.namespace, credentials=load_credentials(args)
+    )
 
 
 def report_failure(error: LegatoError) -> int:

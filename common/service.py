@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 
 from common.bus import Bus, BusSettings, open_session
+from common.bus.access import check_node_name
 from common.errors import AlreadyRunning, RouterUnreachable
 from common.health import Heartbeat
 from common.host import Host, Sink
@@ -62,7 +63,10 @@ def run_process(
     Raises:
         RouterUnreachable: No router in time.
         AlreadyRunning: `unique`, and there is one.
+        InvalidValue: Access control would silence a node of this name.
     """
+    if settings.credentials is not None:
+        check_node_name(reactor.kind, node)
     if stop is None:
         stop = threading.Event()
         install_stop_signals(stop)
@@ -110,12 +114,12 @@ def install_stop_signals(stop: threading.Event) -> None:
 
 
 def _refuse_second(bus: Bus, kind: str, settings: BusSettings) -> None:
-    # The token of one that was just killed may live for a lease (1 s): look twice.
+    # The token of one that was just lost may live for a lease: look twice.
     for attempt in range(2):
         if not bus.list_alive(kind):
             return
         if attempt == 0:
-            time.sleep(1.2)
+            time.sleep(settings.lease_s + 0.2)
     raise AlreadyRunning(kind, f"namespace {settings.namespace} at {settings.endpoint}")
 
 

@@ -71,7 +71,8 @@ def _plan(command: Up) -> Deployment:
             namespace=command.namespace,
             # The supervisor outlives the shell's folder.
             data=command.data.resolve(),
-            checkpoints=_find_folder(command.checkpoints),
+            checkpoints=_find_folder("--checkpoints", command.checkpoints),
+            certs=_find_folder("--certs", command.certs),
             log_level=command.log_level,
         )
     except ValidationError as error:
@@ -81,10 +82,10 @@ def _plan(command: Up) -> Deployment:
         raise InvalidValue(f"--{name}", first["input"], first["msg"]) from error
 
 
-def _find_folder(checkpoints: Path | None) -> Path | None:
-    if checkpoints is not None and not checkpoints.is_dir():
-        raise InvalidValue("--checkpoints", str(checkpoints), "a folder")
-    return None if checkpoints is None else checkpoints.resolve()
+def _find_folder(option: str, folder: Path | None) -> Path | None:
+    if folder is not None and not folder.is_dir():
+        raise InvalidValue(option, str(folder), "a folder")
+    return None if folder is None else folder.resolve()
 
 
 def _stay(deployment: Deployment) -> int:

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from client.commands import Bus, TopicEcho, TopicHz, TopicList
 from client.tables import format_table
 from client.tap import QueueTap, Rate, RateTap, open_tap
-from common.bus import BusSettings, decode
+from common.bus import BusSettings, Credentials, decode
 from common.errors import ContractError, InvalidValue
 from common.messages.base import Name
 from common.topics import TOPICS, topic_named
@@ -83,7 +83,10 @@ def measure(command: TopicHz) -> int:
 
 
 def _settings(command: Bus) -> BusSettings:
-    return BusSettings(endpoint=command.endpoint, namespace=command.namespace)
+    credentials = None if command.certs is None else Credentials.from_folder(command.certs)
+    return BusSettings(
+        endpoint=command.endpoint, namespace=command.namespace, credentials=credentials
+    )
 
 
 def _owner(cell: str) -> str:

@@ -7,6 +7,7 @@ links: no port, no discovery, delivery on the publisher's thread).
 from __future__ import annotations
 
 import json
+import re
 import threading
 import time
 from collections.abc import Generator
@@ -16,11 +17,14 @@ from typing import Literal
 
 import zenoh
 
-from common.errors import PortInUse, RouterUnreachable
+from common.bus.access import make_access_control
+from common.bus.tls import Credentials
+from common.errors import InvalidValue, PortInUse, RouterRefused, RouterUnreachable
 
 Profile = Literal["client", "router", "in_process"]
 
 _ATTEMPT_S = 1.0
+_ENCRYPTED = re.compile(r"tls/.+:\d+")
 
 
 @dataclass(frozen=True)
@@ -31,11 +35,30 @@ class BusSettings:
         profile: `client` of a router, the `router` itself, or `in_process`.
         endpoint: Router address, e.g. `tcp/127.0.0.1:7447`; the router listens there.
         namespace: Deployment or test; prefixes every key, so two of them never meet.
+        credentials: Certificate, for an endpoint `tls/...`. A router that has one asks everybody
+            for one and lets each role do what `common/bus/access.py` says, in this namespace only.
+
+    Raises:
+        InvalidValue: `tls/...` without credentials, or credentials that would not be used.
     """
 
     profile: Profile = "client"
     endpoint: str = "tcp/127.0.0.1:7447"
     namespace: str = "legato"
+    credentials: Credentials | None = None
+
+    def __post_init__(self) -> None:
+        if self.credentials is not None:
+            # In plain text without a word would be worse.
+            if not _ENCRYPTED.fullmatch(self.endpoint):
+                raise InvalidValue("--endpoint", self.endpoint, "tls/host:port, because of --certs")
+        elif self.endpoint.startswith("tls/"):
+            raise InvalidValue("--certs", None, f"the folder of a certificate for {self.endpoint}")
+
+    @property
+    def lease_s(self) -> float:
+        """How long a silent link is believed to be alive [s]; longer between hosts."""
+        return 1.0 if self.credentials is None else 2.0
 
 
 def _config(settings: BusSettings) -> zenoh.Config:
@@ -46,7 +69,8 @@ def _config(settings: BusSettings) -> zenoh.Config:
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "scouting/delay": 0,
-        "transport/link/tx/lease": 1000,
+        "adminspace/enabled": False,
+        "transport/link/tx/lease": int(1000 * settings.lease_s),
         # The default of 5 s lets one stalled subscriber freeze the simulation.
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 500_000,
         "transport/shared_memory/enabled": False,
@@ -70,10 +94,26 @@ def _config(settings: BusSettings) -> zenoh.Config:
     else:
         values["listen/endpoints"] = []
         values["connect/endpoints"] = []
+    if settings.credentials is not None:
+        values |= _encryption(settings.credentials)
+        if settings.profile == "router":
+            values["access_control"] = make_access_control(settings.namespace)
     config = zenoh.Config()
     for path, value in values.items():
         config.insert_json5(path, json.dumps(value))
     return config
+
+
+def _encryption(own: Credentials) -> dict[str, object]:
+    return {
+        "transport/link/tls/root_ca_certificate": str(own.authority),
+        "transport/link/tls/listen_certificate": str(own.certificate),
+        "transport/link/tls/listen_private_key": str(own.key),
+        "transport/link/tls/connect_certificate": str(own.certificate),
+        "transport/link/tls/connect_private_key": str(own.key),
+        "transport/link/tls/enable_mtls": True,
+        "transport/link/tls/verify_name_on_connect": True,
+    }
 
 
 @contextmanager
@@ -92,6 +132,7 @@ def open_session(
 
     Raises:
         RouterUnreachable: No router within `wait_s`, or `stop` was set meanwhile.
+        RouterRefused: The same for an encrypted endpoint, with what was found there.
         PortInUse: The router's port is taken.
     """
     session = _open(settings, stop, wait_s)
@@ -108,10 +149,21 @@ def _open(settings: BusSettings, stop: threading.Event | None, wait_s: float) ->
             return zenoh.open(_config(settings))
         except zenoh.ZError as error:
             if settings.profile == "router":
-                host, port = settings.endpoint.partition("/")[2].rsplit(":", 1)
-                raise PortInUse("Zenoh router", host, int(port)) from error
+                raise PortInUse("Zenoh router", *_address(settings.endpoint)) from error
             waited_s = time.monotonic() - started
             if waited_s >= wait_s or (stop is not None and stop.is_set()):
-                raise RouterUnreachable(settings.endpoint, waited_s) from error
+                raise _unreachable(settings, waited_s) from error
             # A refused connection fails at once: do not spin.
             (stop or threading.Event()).wait(0.05)
+
+
+def _unreachable(settings: BusSettings, waited_s: float) -> RouterUnreachable:
+    if settings.credentials is None:
+        return RouterUnreachable(settings.endpoint, waited_s)
+    problem = settings.credentials.find_problem(*_address(settings.endpoint))
+    return RouterRefused(settings.endpoint, waited_s, problem)
+
+
+def _address(endpoint: str) -> tuple[str, int]:
+    host, port = endpoint.partition("/")[2].rsplit(":", 1)
+    return host.strip("[]"), int(port)

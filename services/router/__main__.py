@@ -1,4 +1,4 @@
-"""`python -m services.router --listen 127.0.0.1:7447`."""
+"""`python -m services.router --listen 127.0.0.1:7447 [--certs DIR]`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from common.bus import BusSettings, open_session
 from common.errors import InvalidValue, LegatoError
 from common.log import configure_logging
-from common.process import report_failure
+from common.process import add_certs_option, load_credentials, report_failure
 from common.service import install_stop_signals, run_process
 from services.router.presence import Presence
 
@@ -34,15 +34,17 @@ def run(args: argparse.Namespace) -> None:
 
     Raises:
         InvalidValue: `--listen` is not `host:port`.
+        BadCertificate: `--certs` cannot be used.
         PortInUse: Something else listens there.
     """
     host, port = split_address(args.listen)
     stop = threading.Event()
     install_stop_signals(stop)
-    router = BusSettings(profile="router", endpoint=f"tcp/{host}:{port}")
-    presence = BusSettings(
-        endpoint=f"tcp/{_LOOPBACK.get(host, host)}:{port}", namespace=args.namespace
-    )
+    credentials = load_credentials(args)
+    scheme = "tcp" if credentials is None else "tls"
+    router = BusSettings("router", f"{scheme}/{host}:{port}", args.namespace, credentials)
+    own = f"{scheme}/{_LOOPBACK.get(host, host)}:{port}"
+    presence = BusSettings("client", own, args.namespace, credentials)
     with open_session(router):
         run_process(Presence(), presence, node=args.node, parent_pid=args.parent_pid, stop=stop)
 
@@ -51,8 +53,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Parse the command line, run, and turn errors into an exit code."""
     parser = argparse.ArgumentParser(prog="python -m services.router", description=__doc__)
     parser.add_argument("--listen", default="127.0.0.1:7447", help="host:port (%(default)s)")
-    parser.add_argument("--namespace", default="legato", help="where it shows itself (%(default)s)")
+    parser.add_argument("--namespace", default="legato", help="deployment (%(default)s)")
     parser.add_argument("--node", default="router", help="name on the bus (%(default)s)")
+    add_certs_option(parser)
     parser.add_argument("--parent-pid", type=int, default=None, help="stop when it is gone")
     parser.add_argument("--log-level", default="INFO", help="least level that is logged")
     args = parser.parse_args(argv)

@@ -1,0 +1,184 @@
+"""Who may say and hear what on the bus: the roles, and the router's rules made of them.
+
+A certificate's common name is its role. Everything that no rule allows is dropped by the router,
+silently: what a role needs has to stand here, and `tests/contract` compares it with the services.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from common import messages as m
+from common.errors import InvalidValue, UnknownName
+from common.topics import TOPICS, key_of, topics_of
+
+Flow = Literal["ingress", "egress"]
+"""Seen from the router: what comes from a process, what goes to it."""
+
+
+@dataclass(frozen=True)
+class Role:
+    """What the processes with one kind of certificate may do.
+
+    Args:
+        name: Common name of the certificate.
+        kind: Kind of the node that it may be; None: it only listens. Names of its nodes begin with
+            it, so that no node can speak for one of another kind.
+        reads: Messages that it may receive.
+        writes: Messages that it may send.
+        watches: Whether it may see which nodes are alive and ask them what they are.
+    """
+
+    name: str
+    kind: str | None
+    reads: tuple[type[m.Message], ...] = ()
+    writes: tuple[type[m.Message], ...] = ()
+    watches: bool = False
+
+
+_POLICY_READS = (m.EpisodeConfigure, m.EpisodeAbort, m.PolicyLoad, m.StereoFrame)
+_POLICY_WRITES = (m.EpisodeReady, m.PolicyAction, m.PolicyLoaded, m.NodeMetrics)
+
+ROLES: tuple[Role, ...] = (
+    Role("router", "router", writes=(m.NodeMetrics,)),
+    Role(
+        "control",
+        "control",
+        reads=(
+            m.EpisodeReady,
+            m.EpisodeResult,
+            m.EpisodePicture,
+            m.PolicyLoaded,
+            m.NodeDescription,
+            m.NodeMetrics,
+        ),
+        writes=(
+            m.EpisodeConfigure,
+            m.EpisodeStart,
+            m.EpisodeAbort,
+            m.PolicyLoad,
+            m.NodeMetrics,
+        ),
+        watches=True,
+    ),
+    Role(
+        "sim",
+        "sim",
+        reads=(
+            m.EpisodeConfigure,
+            m.EpisodeStart,
+            m.EpisodeAbort,
+            m.PolicyAction,
+            m.RobotCommand,
+            m.RetargetStatus,
+            m.MotorCommand,
+        ),
+        writes=(
+            m.EpisodeReady,
+            m.EpisodePicture,
+            m.EpisodeResult,
+            m.RobotState,
+            m.MotorState,
+            m.StereoFrame,
+            m.GroundTruth,
+            m.NodeMetrics,
+        ),
+    ),
+    Role(
+        "retarget",
+        "retarget",
+        reads=(m.EpisodeConfigure, m.EpisodeAbort, m.RobotState, m.PolicyAction),
+        writes=(m.EpisodeReady, m.RobotCommand, m.RetargetStatus, m.NodeMetrics),
+    ),
+    Role(
+        "gripper",
+        "gripper",
+        reads=(m.EpisodeConfigure, m.EpisodeAbort, m.MotorState, m.PolicyAction),
+        writes=(m.EpisodeReady, m.MotorCommand, m.GripperState, m.NodeMetrics),
+    ),
+    Role("policy", "policy", reads=_POLICY_READS, writes=_POLICY_WRITES),
+    # The scripted expert acts on what a learned policy must not know.
+    Role("expert", "policy", reads=(*_POLICY_READS, m.GroundTruth), writes=_POLICY_WRITES),
+    Role("viewer", None, reads=tuple(topic.message for topic in TOPICS)),
+)
+
+
+def role_named(name: str) -> Role:
+    """Look a role up.
+
+    Raises:
+        UnknownName: There is none of that name.
+    """
+    for role in ROLES:
+        if role.name == name:
+            return role
+    raise UnknownName("role", name, [role.name for role in ROLES])
+
+
+def check_node_name(kind: str, node: str) -> None:
+    """Refuse a name under which the router would drop everything that the node says of itself.
+
+    Raises:
+        InvalidValue: It does not begin with the kind of the node.
+    """
+    if not node.startswith(kind):
+        raise InvalidValue(
+            "--node", node, f'a name that begins with "{kind}", by which access control goes'
+        )
+
+
+def make_access_control(namespace: str) -> dict[str, Any]:
+    """Zenoh's configuration `access_control` for the keys of one namespace; all others are denied.
+
+    Source: Zenoh 1.10, DEFAULT_CONFIG.json5, section access_control.
+    """
+    rules: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
+    for role in ROLES:
+        own = [
+            {
+                "id": f"{role.name}-{number}",
+                "permission": "allow",
+                "flows": [flow],
+                "messages": list(messages),
+                "key_exprs": [f"{namespace}/{key}" for key in keys],
+            }
+            for number, (flow, messages, keys) in enumerate(_grants(role))
+        ]
+        rules += own
+        policies.append({"rules": [rule["id"] for rule in own], "subjects": [role.name]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": role.name, "cert_common_names": [role.name]} for role in ROLES],
+        "policies": policies,
+    }
+
+
+def _grants(role: Role) -> Iterable[tuple[Flow, Sequence[str], Sequence[str]]]:
+    """Flow, kinds of Zenoh messages and keys of everything that a role may do."""
+    if role.reads:
+        heard = [key_of(topic, "*") for topic in topics_of(role.reads)]
+        yield "ingress", ("declare_subscriber",), heard
+        yield "egress", ("put",), heard
+    if role.kind is not None:
+        own = f"{role.kind}$*"
+        yield (
+            "ingress",
+            ("put",),
+            [
+                key_of(topic, "*" if topic.scope == "cell" else own)
+                for topic in topics_of(role.writes)
+            ],
+        )
+        yield "ingress", ("liveliness_token",), [f"alive/{role.kind}/{own}"]
+        yield "ingress", ("declare_queryable", "reply"), [f"rpc/{own}/describe"]
+        yield "egress", ("query",), [f"rpc/{own}/describe"]
+    if role.watches:
+        yield "ingress", ("declare_liveliness_subscriber", "liveliness_query"), ["alive/*/*"]
+        yield "egress", ("liveliness_token",), ["alive/*/*"]
+        yield "ingress", ("query",), ["rpc/*/describe"]
+        yield "egress", ("reply",), ["rpc/*/describe"]
