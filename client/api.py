@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
 from types import TracebackType
@@ -10,6 +11,7 @@ from typing import Any, Self, TypeVar
 import httpx
 from pydantic import TypeAdapter, ValidationError
 
+from client.credentials import find_api_key
 from client.errors import ControlUnreachable, NotLegato, RestError
 from client.sse import parse_events
 from common.api import (
@@ -42,6 +44,8 @@ class LegatoClient:
 
     Args:
         base_url: Where the control plane listens.
+        api_key: Key of the caller; without it that of the environment (`LEGATO_API_KEY`, or the
+            file that `LEGATO_API_KEY_FILE` names), if any.
         transport: Replaces the network, in tests.
         timeout_s: Longest wait for one answer [s].
         reconnect_s: How long a broken stream of events is opened again before it counts as
@@ -52,15 +56,21 @@ class LegatoClient:
         self,
         base_url: str = DEFAULT_URL,
         *,
+        api_key: str | None = None,
         transport: httpx.BaseTransport | None = None,
         timeout_s: float = 10.0,
         reconnect_s: float = 30.0,
     ) -> None:
         self.base_url = base_url.rstrip("/")
         self._reconnect_s = reconnect_s
-        # A proxy of the environment must not stand between two processes of one machine.
+        key = api_key or find_api_key(os.environ)
         self._http = httpx.Client(
-            base_url=self.base_url, transport=transport, timeout=timeout_s, trust_env=False
+            base_url=self.base_url,
+            headers={} if key is None else {"Authorization": f"Bearer {key}"},
+            transport=transport,
+            timeout=timeout_s,
+            # A proxy of the environment must not stand between two processes of one machine.
+            trust_env=False,
         )
 
     def __enter__(self) -> Self:

@@ -283,6 +283,38 @@ class CertsAdd(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
+class KeysCreate(Command):
+    """Make an API key: print it once, and keep its hash in a file for the control plane."""
+
+    name: str
+    """Who it is for; the control plane's log names it."""
+    role: Literal["view", "operate", "admin"]
+    """view reads, operate also starts and stops evaluations, admin also loads policies."""
+    file: Path
+    """File of hashes, which is made if need be."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeysList(Command):
+    """List the API keys of a file: names, roles, when they were made."""
+
+    file: Path
+    """File of hashes."""
+    json: bool = False
+    """Print one JSON object."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeysRevoke(Command):
+    """Remove an API key from a file; a control plane that reads the file refuses it at once."""
+
+    name: str
+    """Name of the key."""
+    file: Path
+    """File of hashes."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class RobotList(Command):
     """List every robot: joints, mass without gripper, reach at table height."""
 

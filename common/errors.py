@@ -1,7 +1,9 @@
 """The one tree of errors.
 
 LegatoError
-├─ ConfigError      UnknownName, InvalidValue, MissingExtra, UntrainedTask, BadCertificate
+├─ ConfigError      UnknownName, InvalidValue, MissingExtra, UntrainedTask, BadCertificate,
+│                   BadKeyFile, Exposed
+├─ AccessError      KeyRefused, RoleTooLow, TooManyCalls
 ├─ ContractError    SchemaMismatch, MalformedMessage, WrongShape
 ├─ ModelError       BadRobotFile, ModelMismatch, BadCalibration, FootholdOutOfReach,
 │                   UnsupportedGeom, BadMeshes, MeshesDoNotFit
@@ -124,6 +126,93 @@ class BadCertificate(ConfigError):
             f"{path}: {problem}",
             expected="expected ca.pem, cert.pem and key.pem of one role, readable and valid now",
             action="copy the role's folder again, or make it with: legato certs (docs/security.md)",
+        )
+
+
+class BadKeyFile(ConfigError):
+    """A file of API keys that cannot be used."""
+
+    code = "E-KEY-FILE"
+
+    def __init__(self, path: str, problem: str) -> None:
+        self.path = path
+        self.problem = problem
+        super().__init__(
+            f"keys in {path}: {problem}",
+            expected="expected a file as `legato keys create` makes it",
+            action="correct the path, the permissions or the file",
+        )
+
+
+class Exposed(ConfigError):
+    """A listener that others could reach without saying who they are."""
+
+    code = "E-EXPOSED"
+
+    def __init__(self, what: str, host: str, *, protection: str, consent: str) -> None:
+        self.what = what
+        self.host = host
+        self.protection = protection
+        self.consent = consent
+        super().__init__(
+            f"{what} at {host or 'every address'} would be open to whoever reaches it",
+            expected=f"expected {protection}, or an address of this machine alone (127.0.0.1)",
+            action=f"give one of them, or {consent} if something else keeps others out",
+        )
+
+
+class AccessError(LegatoError):
+    """A call that its caller may not make."""
+
+    code = "E-ACCESS"
+    http_status = 403
+
+
+class KeyRefused(AccessError):
+    """No API key, or not one that counts."""
+
+    code = "E-KEY"
+    http_status = 401
+
+    def __init__(self, problem: str) -> None:
+        self.problem = problem
+        super().__init__(
+            problem,
+            expected="expected the header Authorization: Bearer KEY of a key that counts",
+            action="for the command legato: set LEGATO_API_KEY or LEGATO_API_KEY_FILE",
+        )
+
+
+class RoleTooLow(AccessError):
+    """A key that may do less than this."""
+
+    code = "E-ROLE"
+
+    def __init__(self, name: str, role: str, needed: str) -> None:
+        self.name = name
+        self.role = role
+        self.needed = needed
+        super().__init__(
+            f"the key {name} has the role {role}",
+            expected=f"expected the role {needed}",
+            action="use a key of that role",
+        )
+
+
+class TooManyCalls(AccessError):
+    """More writing calls of one caller than the control plane takes."""
+
+    code = "E-TOO-MANY-CALLS"
+    http_status = 429
+
+    def __init__(self, caller: str, rate_hz: float, retry_after_s: int) -> None:
+        self.caller = caller
+        self.rate_hz = rate_hz
+        self.retry_after_s = retry_after_s
+        super().__init__(
+            f"too many calls by {caller}",
+            expected=f"expected at most {rate_hz:g} writing calls a second",
+            action=f"wait {retry_after_s} s",
         )
 
 

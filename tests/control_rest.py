@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import httpx
+from fastapi import FastAPI
 
 from common.api import PREFIX, Evaluation
 from common.service import Host
@@ -27,6 +28,17 @@ WAIT_S = 30.0
 """Bound of every wait; reached only by a test that fails."""
 
 
+def ask(app: FastAPI, method: str, path: str, **options) -> httpx.Response:
+    """Send one request to an application."""
+
+    async def send() -> httpx.Response:
+        transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+        async with httpx.AsyncClient(transport=transport, base_url="http://test") as client:
+            return await asyncio.wait_for(client.request(method, path, **options), WAIT_S)
+
+    return asyncio.run(send())
+
+
 @dataclass
 class RunningPlane:
     """A control plane at work, and a way to talk to it."""
@@ -36,12 +48,7 @@ class RunningPlane:
     host: Host
 
     def request(self, method: str, path: str, **options) -> httpx.Response:
-        async def ask() -> httpx.Response:
-            transport = httpx.ASGITransport(create_app(self.plane), raise_app_exceptions=False)
-            async with httpx.AsyncClient(transport=transport, base_url="http://test") as client:
-                return await asyncio.wait_for(client.request(method, path, **options), WAIT_S)
-
-        return asyncio.run(ask())
+        return ask(create_app(self.plane), method, path, **options)
 
     def get(self, path: str) -> httpx.Response:
         return self.request("GET", PREFIX + path)

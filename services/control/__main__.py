@@ -10,15 +10,18 @@ import socket
 import sys
 import threading
 from collections.abc import Sequence
+from pathlib import Path
 
 import uvicorn
 
-from common.errors import InvalidValue, LegatoError, PortInUse
+from common.errors import Exposed, InvalidValue, LegatoError, PortInUse
+from common.exposure import is_loopback
 from common.log import configure_logging
 from common.process import add_bus_options, report_failure
 from common.service import install_stop_signals
 from services.control.app import create_app
 from services.control.catalog import load_catalog
+from services.control.keyring import KeyRing
 from services.control.plane import ControlPlane
 from services.control.worker import Worker
 
@@ -31,14 +34,16 @@ GRACE_S = 1
 class Server(uvicorn.Server):
     """Ends when `stop` is set too, and sends those who follow an evaluation away first."""
 
-    def __init__(self, plane: ControlPlane, stop: threading.Event) -> None:
+    def __init__(self, plane: ControlPlane, keys: KeyRing | None, stop: threading.Event) -> None:
         config = uvicorn.Config(
-            create_app(plane),
+            create_app(plane, keys=keys),
             # The process's own logging is in place already.
             log_config=None,
             access_log=False,
             lifespan="off",
             server_header=False,
+            # A caller must not choose the address that is counted and logged.
+            proxy_headers=False,
             timeout_graceful_shutdown=GRACE_S,
         )
         super().__init__(config)
@@ -72,6 +77,28 @@ def listen(host: str, port: int) -> socket.socket:
         raise InvalidValue("--host, --port", f"{host}:{port}", expected) from error
 
 
+def open_keys(args: argparse.Namespace) -> KeyRing | None:
+    """The keys that the options name, or none where nobody else can call.
+
+    Raises:
+        BadKeyFile: The file cannot be used.
+        Exposed: Others could call, and neither keys nor consent are given.
+        InvalidValue: Both are.
+    """
+    if args.api_keys_file is not None:
+        if args.insecure_no_keys:
+            raise InvalidValue("--insecure-no-keys", True, "it without --api-keys-file")
+        return KeyRing(args.api_keys_file)
+    if not (args.insecure_no_keys or is_loopback(args.host)):
+        raise Exposed(
+            "REST",
+            args.host,
+            protection="--api-keys-file",
+            consent="--insecure-no-keys",
+        )
+    return None
+
+
 def run(args: argparse.Namespace) -> int:
     """Serve until SIGTERM, SIGINT, the loss of the parent or an error; return the exit code.
 
@@ -80,6 +107,7 @@ def run(args: argparse.Namespace) -> int:
     """
     stop = threading.Event()
     install_stop_signals(stop)
+    keys = open_keys(args)
     with listen(args.host, args.port) as listener:
         worker = Worker(args, load_catalog(), stop)
         plane = worker.start()
@@ -87,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
             host, port = listener.getsockname()[:2]
             log.info("listening", extra={"host": host, "port": port})
             try:
-                Server(plane, stop).run(sockets=[listener])
+                Server(plane, keys, stop).run(sockets=[listener])
             finally:
                 stop.set()
     return worker.finish()
@@ -98,6 +126,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m services.control", description=__doc__)
     parser.add_argument("--host", default="127.0.0.1", help="address of REST (%(default)s)")
     parser.add_argument("--port", type=int, default=8000, help="port of REST (%(default)s)")
+    parser.add_argument(
+        "--api-keys-file",
+        type=Path,
+        default=None,
+        help="file of `legato keys create`; without it everybody who calls may do everything",
+    )
+    parser.add_argument(
+        "--insecure-no-keys",
+        action="store_true",
+        help="allow another --host than this machine's loopback without keys",
+    )
     parser.add_argument("--data", default="runs", help="folder of the results (%(default)s)")
     parser.add_argument(
         "--database",

@@ -13,7 +13,7 @@ from fastapi.responses import Response
 from starlette.exceptions import HTTPException
 
 from common.api import ProblemDetails
-from common.errors import LegatoError
+from common.errors import KeyRefused, LegatoError, TooManyCalls
 from services.control.plane import InvalidRequest
 
 log = logging.getLogger(__name__)
@@ -76,7 +76,17 @@ async def _from_legato_error(request: Request, error: Exception) -> Response:
         expected=said["expected"],
         action=said["action"],
         errors=[{"field": field, **one.describe()} for field, one in fields],
+        headers=_headers_of(error),
     )
+
+
+def _headers_of(error: LegatoError) -> dict[str, str]:
+    """What HTTP says beside some status codes."""
+    if isinstance(error, KeyRefused):
+        return {"WWW-Authenticate": 'Bearer realm="legato"'}
+    if isinstance(error, TooManyCalls):
+        return {"Retry-After": str(error.retry_after_s)}
+    return {}
 
 
 async def _from_validation(_: Request, error: Exception) -> Response:

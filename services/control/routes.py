@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query, Response, status
+from fastapi import APIRouter, Path, Query, Request, Response, status
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 
@@ -22,17 +22,18 @@ from common.api import (
 from common.errors import NotReady
 from common.messages.base import Name
 from services.control import sse
+from services.control.access import ADMIN, OPEN, OPERATE, VIEW, GuardedRoute
 from services.control.plane import Plane
 
 LARGEST_INT = 2**63 - 1
 
 TrialNumber = Annotated[int, Path(ge=0, le=LARGEST_INT)]
 
-api = APIRouter(prefix=PREFIX)
-health = APIRouter()
+api = APIRouter(prefix=PREFIX, route_class=GuardedRoute)
+health = APIRouter(route_class=GuardedRoute)
 
 
-@api.post("/evaluations", status_code=status.HTTP_202_ACCEPTED)
+@api.post("/evaluations", status_code=status.HTTP_202_ACCEPTED, openapi_extra=OPERATE)
 def post_evaluation(request: EvaluationRequest, response: Response, plane: Plane) -> Evaluation:
     """Start an evaluation."""
     evaluation = plane.submit(request)
@@ -40,7 +41,7 @@ def post_evaluation(request: EvaluationRequest, response: Response, plane: Plane
     return evaluation
 
 
-@api.get("/evaluations")
+@api.get("/evaluations", openapi_extra=VIEW)
 def get_evaluations(
     plane: Plane,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
@@ -50,19 +51,21 @@ def get_evaluations(
     return plane.queries.evaluations(plane.deployment.waiting, limit=limit, offset=offset)
 
 
-@api.get("/evaluations/{evaluation}")
+@api.get("/evaluations/{evaluation}", openapi_extra=VIEW)
 def get_evaluation(evaluation: Name, plane: Plane) -> Evaluation:
     """One evaluation as it is now."""
     return plane.evaluation(evaluation)
 
 
-@api.delete("/evaluations/{evaluation}", status_code=status.HTTP_202_ACCEPTED)
+@api.delete(
+    "/evaluations/{evaluation}", status_code=status.HTTP_202_ACCEPTED, openapi_extra=OPERATE
+)
 def delete_evaluation(evaluation: Name, plane: Plane) -> Evaluation:
     """Stop an evaluation; what has ended stays. One that is over is left as it is."""
     return plane.cancel(evaluation)
 
 
-@api.get("/evaluations/{evaluation}/trials")
+@api.get("/evaluations/{evaluation}/trials", openapi_extra=VIEW)
 def get_trials(evaluation: Name, plane: Plane) -> list[Trial]:
     """The trials of an evaluation, in order."""
     return plane.queries.trials(evaluation)
@@ -72,6 +75,7 @@ def get_trials(evaluation: Name, plane: Plane) -> list[Trial]:
     "/evaluations/{evaluation}/trials/{trial}/pictures/{name}",
     response_class=Response,
     responses={200: {"content": {"image/png": {}}}},
+    openapi_extra=VIEW,
 )
 def get_picture(evaluation: Name, trial: TrialNumber, name: Name, plane: Plane) -> Response:
     """A picture of a trial's key moment."""
@@ -82,6 +86,7 @@ def get_picture(evaluation: Name, trial: TrialNumber, name: Name, plane: Plane) 
     "/evaluations/{evaluation}/events",
     response_class=StreamingResponse,
     responses={200: {"content": {sse.MEDIA_TYPE: {}}}},
+    openapi_extra=VIEW,
 )
 async def get_events(evaluation: Name, plane: Plane) -> StreamingResponse:
     """Follow an evaluation: its state now, then one event per change."""
@@ -94,7 +99,7 @@ async def get_events(evaluation: Name, plane: Plane) -> StreamingResponse:
     )
 
 
-@api.get("/robots")
+@api.get("/robots", openapi_extra=VIEW)
 def get_robots(plane: Plane) -> list[RobotInfo]:
     """Robots the code knows, and whether a retargeter runs for each."""
     running = plane.deployment.robots()
@@ -109,37 +114,43 @@ def get_robots(plane: Plane) -> list[RobotInfo]:
     ]
 
 
-@api.get("/tasks")
+@api.get("/tasks", openapi_extra=VIEW)
 def get_tasks(plane: Plane) -> list[TaskInfo]:
     """Tasks the code knows."""
     return list(plane.catalog.tasks)
 
 
-@api.get("/policies")
+@api.get("/policies", openapi_extra=VIEW)
 def get_policies(plane: Plane) -> list[PolicyInfo]:
     """Policies that running policy services offer."""
     return plane.deployment.policies()
 
 
-@api.put("/policies/{name}")
+@api.put("/policies/{name}", openapi_extra=ADMIN)
 def put_policy(name: Name, request: PolicyLoadRequest, plane: Plane) -> PolicyInfo:
     """Load a checkpoint under a name, or another one in its place; running episodes keep theirs."""
     return plane.load_policy(name, request)
 
 
-@api.get("/services")
+@api.get("/services", openapi_extra=VIEW)
 def get_services(plane: Plane) -> list[ServiceInfo]:
     """Nodes on the bus, also those that were lost."""
     return list(plane.deployment.nodes)
 
 
-@health.get("/healthz")
+@api.get("/openapi.json", include_in_schema=False, openapi_extra=VIEW)
+def get_schema(request: Request) -> dict[str, Any]:
+    """The schema of this API."""
+    return request.app.openapi()
+
+
+@health.get("/healthz", openapi_extra=OPEN)
 def get_health() -> dict[str, str]:
     """The process answers."""
     return {"status": "alive"}
 
 
-@health.get("/readyz")
+@health.get("/readyz", openapi_extra=OPEN)
 def get_readiness(plane: Plane) -> dict[str, str]:
     """Whether an evaluation can run now."""
     missing = plane.deployment.missing()

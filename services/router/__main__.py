@@ -8,7 +8,8 @@ import threading
 from collections.abc import Sequence
 
 from common.bus import BusSettings, open_session
-from common.errors import InvalidValue, LegatoError
+from common.errors import Exposed, InvalidValue, LegatoError
+from common.exposure import is_loopback
 from common.log import configure_logging
 from common.process import add_certs_option, load_credentials, report_failure
 from common.service import install_stop_signals, run_process
@@ -33,14 +34,17 @@ def run(args: argparse.Namespace) -> None:
     """Route until SIGTERM, SIGINT or the loss of the parent.
 
     Raises:
+        Exposed: Others could reach it, and nobody has said that they may.
         InvalidValue: `--listen` is not `host:port`.
         BadCertificate: `--certs` cannot be used.
         PortInUse: Something else listens there.
     """
     host, port = split_address(args.listen)
+    credentials = load_credentials(args)
+    if credentials is None and not (args.insecure_plain_tcp or is_loopback(host)):
+        raise Exposed("the bus", host, protection="certificates", consent="--insecure-plain-tcp")
     stop = threading.Event()
     install_stop_signals(stop)
-    credentials = load_credentials(args)
     scheme = "tcp" if credentials is None else "tls"
     router = BusSettings("router", f"{scheme}/{host}:{port}", args.namespace, credentials)
     own = f"{scheme}/{_LOOPBACK.get(host, host)}:{port}"
@@ -53,6 +57,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Parse the command line, run, and turn errors into an exit code."""
     parser = argparse.ArgumentParser(prog="python -m services.router", description=__doc__)
     parser.add_argument("--listen", default="127.0.0.1:7447", help="host:port (%(default)s)")
+    parser.add_argument(
+        "--insecure-plain-tcp",
+        action="store_true",
+        help="allow another address than this machine's loopback without certificates",
+    )
     parser.add_argument("--namespace", default="legato", help="deployment (%(default)s)")
     parser.add_argument("--node", default="router", help="name on the bus (%(default)s)")
     add_certs_option(parser)

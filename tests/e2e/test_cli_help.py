@@ -25,7 +25,7 @@ def legato(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def render_help() -> str:
-    pages = [(), ("certs",), ("data",), ("policy",), ("robot",), ("topic",), *VERBS]
+    pages = [(), ("certs",), ("data",), ("keys",), ("policy",), ("robot",), ("topic",), *VERBS]
     return "\n".join(
         f"$ legato {' '.join((*words, '--help'))}\n{legato(*words, '--help').stdout}"
         for words in pages

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import signal
 import socket
 import sqlite3
@@ -15,9 +16,12 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
+from client.api import LegatoClient
+from client.errors import RestError
 from client.sse import parse_events
-from common.api import PREFIX
+from common.api import PREFIX, EvaluationRequest
 from common.bus import BusSettings
+from common.keys import Role, create_key, revoke_key
 from common.service import run_process
 from tests.control_nodes import FakeSim, usual_nodes
 
@@ -238,9 +242,74 @@ def test_wrong_address_of_the_router_is_refused(processes, listen):
 
 
 def test_address_of_another_machine_is_refused(processes):
-    control = processes.spawn("services.control", "--host=192.0.2.1", f"--data={processes.data}")
+    control = processes.spawn(
+        "services.control", "--host=192.0.2.1", "--insecure-no-keys", f"--data={processes.data}"
+    )
     assert last_line(control).startswith("E-INVALID-VALUE --host, --port is '192.0.2.1:8000'")
     assert control.returncode == 1
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.0.2.1", "[::]"])
+def test_no_listener_for_others_without_protection(processes, host):
+    control = processes.spawn("services.control", f"--host={host}", f"--data={processes.data}")
+    router = processes.spawn("services.router", f"--listen={host}:{processes.router_port}")
+    for process, said in (
+        (control, f"E-EXPOSED REST at {host} would be open to whoever reaches it; expected "),
+        (router, f"E-EXPOSED the bus at {host} would be open to whoever reaches it; expected "),
+    ):
+        assert last_line(process).startswith(said)
+        assert process.returncode == 1
+    assert not processes.data.exists()
+
+
+def test_keys_and_consent_to_none_contradict(processes, tmp_path):
+    create_key(tmp_path / "keys", name="ann", role=Role.VIEW)
+    file = f"--api-keys-file={tmp_path / 'keys'}"
+    control = processes.spawn("services.control", file, "--insecure-no-keys")
+    assert last_line(control).startswith("E-INVALID-VALUE --insecure-no-keys is True")
+    control = processes.spawn("services.control", f"--api-keys-file={tmp_path / 'none'}")
+    assert last_line(control).startswith("E-KEY-FILE keys in")
+
+
+def test_an_evaluation_with_keys_at_every_address(processes, tmp_path):
+    keys = {role: create_key(tmp_path / "keys", name=role, role=role) for role in Role}
+    processes.start_router()
+    control = processes.spawn(
+        "services.control",
+        "--host=0.0.0.0",
+        f"--port={processes.port}",
+        f"--api-keys-file={tmp_path / 'keys'}",
+        f"--data={processes.data}",
+        f"--endpoint={processes.endpoint}",
+    )
+    processes.start_nodes()
+    wait_until(processes.is_ready)
+    url = str(processes.http.base_url)
+    request = EvaluationRequest(tasks=["lid"], robots=["panda"], policy="expert", trials=2)
+    with LegatoClient(url) as client, pytest.raises(RestError, match="no API key"):
+        client.submit(request)
+    with (
+        LegatoClient(url, api_key=keys[Role.VIEW]) as client,
+        pytest.raises(RestError, match="role"),
+    ):
+        client.submit(request)
+    with LegatoClient(url, api_key=keys[Role.OPERATE]) as client:
+        evaluation = client.wait(client.submit(request).id)
+        assert evaluation.cells[0].successes == 2
+        revoke_key(tmp_path / "keys", name="operate")
+        with pytest.raises(RestError, match="revoked"):
+            client.robots()
+    control.send_signal(signal.SIGTERM)
+    lines = [json.loads(line) for line in control.communicate(timeout=WAIT_S)[1].splitlines()]
+    calls = [line for line in lines if line["event"] == "call"]
+    assert [(line["caller"], line["status"]) for line in calls] == [
+        (None, 401),
+        ("view", 403),
+        ("operate", 202),
+        (None, 401),
+    ]
+    assert calls[2]["made"].endswith(evaluation.id)
+    assert control.returncode == 0
 
 
 def test_stop_while_there_is_no_router_is_clean(processes):

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import contextlib
+
 import httpx
 import pytest
 
@@ -117,6 +119,38 @@ def test_an_answer_that_does_not_validate_names_the_field():
         pytest.raises(NotLegato, match="status"),
     ):
         client.evaluation("e-1")
+
+
+def test_the_key_goes_with_every_call_and_into_no_error(monkeypatch):
+    seen = []
+    refusal = PROBLEM.model_copy(update={"status": 401, "code": "E-KEY"})
+
+    def handler(request: httpx.Request) -> httpx.Response:
+        seen.append((request.url.path, request.headers.get("authorization")))
+        return answer(refusal, 401)
+
+    def call_all(client: LegatoClient) -> None:
+        for call in (client.robots, lambda: client.submit(make_request()), client.ready):
+            with contextlib.suppress(RestError):
+                call()
+        with pytest.raises(RestError) as caught:
+            list(client.events("e-1"))
+        assert "legato_x" not in f"{caught.value!r} {caught.value.describe()}"
+        assert len(seen) == 4
+
+    with open_client(handler, api_key="legato_x") as client:
+        call_all(client)
+    assert {key for _, key in seen} == {"Bearer legato_x"}
+    seen.clear()
+    monkeypatch.setenv("LEGATO_API_KEY", "legato_y")
+    with open_client(handler) as client:
+        call_all(client)
+    assert {key for _, key in seen} == {"Bearer legato_y"}
+    seen.clear()
+    monkeypatch.delenv("LEGATO_API_KEY")
+    with open_client(handler) as client:
+        call_all(client)
+    assert {key for _, key in seen} == {None}
 
 
 def refuse(request: httpx.Request) -> httpx.Response:
