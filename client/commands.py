@@ -132,6 +132,8 @@ class Up(Command):
     """Folder whose checkpoints are served under their folders' names, beside the shipped ones."""
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
     """Least level that the services log."""
+    metrics_port: int | None = None
+    """TCP port of the router's metrics for Prometheus; the other processes take the next ones."""
     foreground: bool = False
     """Stay attached and stop everything on Ctrl-C."""
 

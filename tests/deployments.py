@@ -19,7 +19,11 @@ from common.errors import LegatoError
 
 @contextmanager
 def running(
-    folder: Path, *, robots: tuple[str, ...] = ("abstract", "panda"), cells: int = 1
+    folder: Path,
+    *,
+    robots: tuple[str, ...] = ("abstract", "panda"),
+    cells: int = 1,
+    metrics_port: int | None = None,
 ) -> Iterator[tuple[Deployment, Supervisor, LegatoClient]]:
     """Start all processes, wait until they are ready, and stop them in every case."""
     router_port, rest_port = find_free_ports(2)
@@ -30,6 +34,7 @@ def running(
         router_port=router_port,
         namespace=f"test-{rest_port}",
         data=folder,
+        metrics_port=metrics_port,
     )
     with (
         open_deployment(deployment) as supervisor,

@@ -73,6 +73,7 @@ def _plan(command: Up) -> Deployment:
             data=command.data.resolve(),
             checkpoints=_find_folder(command.checkpoints),
             log_level=command.log_level,
+            metrics_port=command.metrics_port,
         )
     except ValidationError as error:
         first = error.errors(include_url=False)[0]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from common.bus import BusSettings, open_session
 from common.errors import InvalidValue, LegatoError
 from common.log import configure_logging
-from common.process import report_failure
+from common.process import add_metrics_options, metrics_settings, report_failure
 from common.service import install_stop_signals, run_process
 from services.router.presence import Presence
 
@@ -44,7 +44,14 @@ def run(args: argparse.Namespace) -> None:
         endpoint=f"tcp/{_LOOPBACK.get(host, host)}:{port}", namespace=args.namespace
     )
     with open_session(router):
-        run_process(Presence(), presence, node=args.node, parent_pid=args.parent_pid, stop=stop)
+        run_process(
+            Presence(),
+            presence,
+            node=args.node,
+            parent_pid=args.parent_pid,
+            stop=stop,
+            metrics=metrics_settings(args),
+        )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -55,6 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--node", default="router", help="name on the bus (%(default)s)")
     parser.add_argument("--parent-pid", type=int, default=None, help="stop when it is gone")
     parser.add_argument("--log-level", default="INFO", help="least level that is logged")
+    add_metrics_options(parser)
     args = parser.parse_args(argv)
     configure_logging(args.node, level=args.log_level)
     try:

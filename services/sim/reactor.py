@@ -12,6 +12,7 @@ from common.messages import (
     EpisodeAbort,
     EpisodeConfigure,
     EpisodeReady,
+    EpisodeResult,
     EpisodeStart,
     Message,
     MotorCommand,
@@ -21,10 +22,13 @@ from common.messages import (
     RobotCommand,
     Tick,
 )
+from common.metrics import Sample
+from common.metrics.table import ACTION_AGE, COMMAND_AGE
 from common.robots import list_robots, load_robot
 from common.service import AnyMessage, Reactor
 from common.tasks import list_tasks, load_task
 from services.sim.camera import RANDOMISED, Sensor, StereoCamera, warm_up, warm_up_meshes
+from services.sim.counts import Counts
 from services.sim.dress import dress
 from services.sim.episode import Episode
 from services.sim.world import TOOL_SITE, World
@@ -58,6 +62,7 @@ class SimReactor(Reactor):
         self.node = node
         self._episode: Episode | None = None
         self._running = False
+        self._counts = Counts()
 
     def offers(self) -> dict[str, list[str]]:
         """Its cell, and what it can simulate."""
@@ -83,6 +88,23 @@ class SimReactor(Reactor):
             if self._episode is not None and self._episode.over:
                 self._episode = None
         return outputs
+
+    def measure(
+        self, given: Sequence[AnyMessage], returned: Sequence[AnyMessage], began_ns: int
+    ) -> Iterable[Sample]:
+        """Ages of the answers; both stamps are of this process's clock."""
+        for message in given:
+            if type(message) is RobotCommand:
+                yield Sample(COMMAND_AGE, (began_ns - message.request_t_mono_ns) * 1e-9)
+            elif type(message) is PolicyAction:
+                yield Sample(ACTION_AGE, (began_ns - message.request_t_mono_ns) * 1e-9)
+        for message in returned:
+            if type(message) is EpisodeResult:
+                self._counts.end(message.result.outcome)
+
+    def levels(self) -> Iterable[Sample]:
+        """What was counted over all episodes."""
+        return self._counts.levels()
 
     def _handle_one(self, message: AnyMessage) -> list[Message]:
         # Answers first: there are hundreds of them a second.
@@ -134,6 +156,7 @@ class SimReactor(Reactor):
             if configure.pictures and self._meshes and world.robot.meshes:
                 skin = dress(world, self._meshes)
             self._episode = Episode(configure, world, camera, calibration, sensor, skin)
+            self._counts.follow(self._episode.counts)
         except LegatoError as error:
             problem = Problem(**error.describe())
         return EpisodeReady(
