@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, TypeAlias
 from common import __version__
 from common.bus import Bus, Handed, Inbox, Received, Subscription, decode
 from common.bus.bus import DescribeRequest
+from common.episode_log import EpisodeLog
 from common.errors import ContractError
 from common.messages import (
     AskDescription,
+    EpisodeAbort,
     EpisodeConfigure,
     Header,
     LocalMessage,
@@ -66,6 +68,7 @@ class Host:
         self._next_tick_ns = 0
         self._next_beat_ns = 0
         self._tally = Tally()
+        self._episodes = EpisodeLog()
         self._exporter = exporter
         if exporter is not None:
             exporter.watch(self._tally, self.inbox)
@@ -202,7 +205,8 @@ class Host:
             self._tally.rejected[topic.name] += 1
             if (topic.name, error.code) not in self._complained:
                 self._complained.add((topic.name, error.code))
-                log.warning("message rejected", extra={"key": item.key, **error.describe()})
+                extra = {"key": item.key, **error.describe(), **self._episodes.about(item.owner)}
+                log.warning("message rejected", extra=extra)
             return None
 
     def _is_current(self, message: Message) -> bool:
@@ -219,6 +223,7 @@ class Host:
     def _enter_epoch(self, configure: EpisodeConfigure) -> None:
         self._epochs[configure.header.cell] = configure.header.epoch
         self._modes[configure.header.cell] = configure.mode
+        self._episodes.begin(configure)
 
     def _count_gap(self, topic: str, header: Header) -> None:
         key = (header.source, topic, header.cell)
@@ -240,6 +245,9 @@ class Host:
             # Asked of every message: `isinstance` of a pydantic model takes half a microsecond.
             if type(message) is EpisodeConfigure:
                 self._follow(message.header.cell)
+                self._episodes.prepare(message, takes_part=self.reactor.serves(message.header.cell))
+            elif type(message) is EpisodeAbort:
+                self._episodes.abort(message)
         for message in outputs:
             if isinstance(message, AskDescription):
                 self.ask_description(message.node)
@@ -255,7 +263,10 @@ class Host:
         sequence_key = (type(message).__name__, header.cell)
         seq = self._sequence[sequence_key] = self._sequence[sequence_key] + 1
         stamped = message.stamped(source=self.node, seq=seq, t_mono_ns=time.monotonic_ns())
-        self._tally.published[topic_of(type(message)).name] += 1
+        topic = topic_of(type(message))
+        self._tally.published[topic.name] += 1
+        if topic.is_control:
+            self._episodes.send(message)
         self._bus.publish(
             stamped,
             owner=header.cell or self.node,

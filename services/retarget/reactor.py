@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Mapping, Sequence
 
 from common.errors import LegatoError, UnknownName
@@ -26,8 +25,6 @@ from services.retarget.measured import Measured
 from services.retarget.retargeter import IdentityRetargeter, Retargeter
 from services.retarget.robot_model import RobotModel
 from services.retarget.whole_body import WholeBodyRetargeter
-
-log = logging.getLogger(__name__)
 
 
 class RetargetReactor(Reactor):
@@ -112,7 +109,6 @@ class RetargetReactor(Reactor):
             try:
                 self._episodes[cell] = self._prepare(configure)
             except LegatoError as error:
-                log.error("cannot prepare", extra={"cell": cell, **error.describe()})
                 problem = Problem(**error.describe())
         header = Header(cell=cell, episode=configure.header.episode, epoch=configure.header.epoch)
         return [EpisodeReady(header=header, node=self._node, kind=self.kind, problem=problem)]

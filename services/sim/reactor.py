@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -32,8 +31,6 @@ from services.sim.counts import Counts
 from services.sim.dress import dress
 from services.sim.episode import Episode
 from services.sim.world import TOOL_SITE, World
-
-log = logging.getLogger(__name__)
 
 _TAKE_PART = {"sim", "retarget", "gripper", "policy"}
 """Kinds of nodes that every episode has: reasons name them."""
@@ -120,7 +117,6 @@ class SimReactor(Reactor):
             self._running = True
             return self._episode.start()
         if isinstance(message, EpisodeAbort):
-            log.info("episode aborted", extra={"cell": self.node, "reason": message.reason})
             self._episode = None
             return []
         if self._running and isinstance(message, Tick):
