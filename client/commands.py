@@ -134,6 +134,8 @@ class Up(Command):
     """Folder that `legato certs create` made: encrypt the bus, let each role do only its own."""
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
     """Least level that the services log."""
+    metrics_port: int | None = None
+    """TCP port of the router's metrics for Prometheus; the other processes take the next ones."""
     foreground: bool = False
     """Stay attached and stop everything on Ctrl-C."""
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import socket
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +17,9 @@ from common.messages.base import Name
 HOST = "127.0.0.1"
 
 Port = Annotated[int, Ge(1), Le(65535)]
+
+FirstPort = Annotated[int, Ge(1), Le(65000)]
+"""The first of one port per process."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,8 @@ class Deployment(BaseModel):
     checkpoints: Path | None = None
     certs: Path | None = None
     log_level: str = "INFO"
+    metrics_port: FirstPort | None = None
+    """Port of the first process's metrics; the others follow, in the order of `processes`."""
 
     @property
     def url(self) -> str:
@@ -66,8 +72,35 @@ class Deployment(BaseModel):
         """Folder of the log files, one per node."""
         return self.data / "logs"
 
+    @property
+    def targets(self) -> Path:
+        """File that tells Prometheus where each process offers its metrics."""
+        return self.data / "prometheus-targets.json"
+
     def processes(self) -> tuple[ProcessSpec, ...]:
         """Every process, the router first: the others wait for it."""
+        if self.metrics_port is None:
+            return self._processes()
+        return tuple(
+            replace(spec, arguments=(*spec.arguments, f"--metrics-port={port}"))
+            for port, spec in zip(self.metrics_ports(), self._processes(), strict=True)
+        )
+
+    def metrics_ports(self) -> range:
+        """Ports of the metrics, one per process; none where none are offered."""
+        if self.metrics_port is None:
+            return range(0)
+        return range(self.metrics_port, self.metrics_port + len(self._processes()))
+
+    def write_targets(self) -> None:
+        """Write the file for Prometheus, in its own format (`file_sd_configs`)."""
+        targets = [
+            {"targets": [f"{HOST}:{port}"], "labels": {"process": spec.node}}
+            for port, spec in zip(self.metrics_ports(), self._processes(), strict=True)
+        ]
+        self.targets.write_text(json.dumps(targets, indent=2) + "\n")
+
+    def _processes(self) -> tuple[ProcessSpec, ...]:
         return (
             ProcessSpec(
                 "router",
@@ -91,7 +124,9 @@ class Deployment(BaseModel):
         Raises:
             PortInUse: Names the first one.
         """
-        for purpose, port in (("router", self.router_port), ("REST", self.rest_port)):
+        asked = [("router", self.router_port), ("REST", self.rest_port)]
+        asked += [("metrics", port) for port in self.metrics_ports()]
+        for purpose, port in asked:
             if not is_port_free(port):
                 raise PortInUse(purpose, HOST, port)
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from client.deployment import ProcessSpec
+from common.process import METRICS_PORT
 
 log = logging.getLogger(__name__)
 
@@ -129,15 +130,17 @@ class ManagedProcess:
 def spawn(module: str, arguments: tuple[str, ...], output: IO[bytes]) -> subprocess.Popen[bytes]:
     """Run a module of this installation in its own session, so that Ctrl-C does not reach it.
 
-    One thread per process for linear algebra: the matrices are small and the processes many.
+    One thread per process for linear algebra: the matrices are small and the processes many. A port
+    for metrics comes by option or not at all: one in the environment could go to one process only.
     """
+    inherited = {name: value for name, value in os.environ.items() if name != METRICS_PORT}
     return subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
         stdin=subprocess.DEVNULL,
         stdout=output,
         stderr=subprocess.STDOUT,
         start_new_session=True,
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        env=inherited | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
     )
 
 

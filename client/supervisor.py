@@ -183,6 +183,8 @@ def open_deployment(deployment: Deployment) -> Generator[Supervisor, None, None]
             pid=os.getpid(), started_at=datetime.now(UTC), deployment=deployment
         )
         state.write()
+        if deployment.metrics_port is not None:
+            deployment.write_targets()
         try:
             with Supervisor(
                 deployment.processes(),

@@ -9,14 +9,16 @@ import socket
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from common import __version__
 from common.bus import Bus, Handed, Inbox, Received, Subscription, decode
 from common.bus.bus import DescribeRequest
+from common.episode_log import EpisodeLog
 from common.errors import ContractError
 from common.messages import (
     AskDescription,
+    EpisodeAbort,
     EpisodeConfigure,
     Header,
     LocalMessage,
@@ -26,8 +28,12 @@ from common.messages import (
     NodeMetrics,
     Tick,
 )
+from common.metrics import Tally
 from common.reactor import AnyMessage, Reactor
-from common.topics import Topic, topics_of
+from common.topics import Topic, topic_of, topics_of
+
+if TYPE_CHECKING:
+    from common.metrics.exporter import Exporter
 
 log = logging.getLogger(__name__)
 
@@ -39,7 +45,15 @@ HEARTBEAT_NS = 1_000_000_000
 class Host:
     """One reactor on a bus: it receives, decodes, fences epochs, stamps, publishes and counts."""
 
-    def __init__(self, reactor: Reactor, bus: Bus, *, node: str, sink: Sink | None = None) -> None:
+    def __init__(
+        self,
+        reactor: Reactor,
+        bus: Bus,
+        *,
+        node: str,
+        sink: Sink | None = None,
+        exporter: Exporter | None = None,
+    ) -> None:
         self.reactor = reactor
         self.node = node
         self.inbox = Inbox()
@@ -53,8 +67,11 @@ class Host:
         self._followed: dict[str, tuple[Subscription, ...]] = {}
         self._next_tick_ns = 0
         self._next_beat_ns = 0
-        self._counts = {"handled": 0, "published": 0, "rejected": 0, "stale": 0, "gaps": 0}
-        self._handle_ns = 0
+        self._tally = Tally()
+        self._episodes = EpisodeLog()
+        self._exporter = exporter
+        if exporter is not None:
+            exporter.watch(self._tally, self.inbox)
         self._started_unix_s = time.time()
 
     def start(self) -> None:
@@ -95,6 +112,8 @@ class Host:
         if now_ns >= self._next_beat_ns:
             self._next_beat_ns = now_ns + HEARTBEAT_NS
             self._publish(self.metrics())
+            if self._exporter is not None:
+                self._exporter.note_levels()
 
     def next_tick_in_s(self, now_ns: int) -> float:
         """Time until the reactor wants its next `Tick` [s]."""
@@ -120,9 +139,13 @@ class Host:
         return NodeMetrics(
             header=Header(source=self.node),
             node=self.node,
+            handled=self._tally.handled,
+            published=sum(self._tally.published.values()),
+            rejected=sum(self._tally.rejected.values()),
             superseded=self.inbox.superseded,
-            handle_time_s=self._handle_ns * 1e-9,
-            **self._counts,
+            stale=sum(self._tally.stale.values()),
+            gaps=sum(self._tally.missing.values()),
+            handle_time_s=self._tally.handle_ns * 1e-9,
         )
 
     def ask_description(self, node: str) -> None:
@@ -168,8 +191,9 @@ class Host:
         if message is None:
             return None
         if of_cell and not self._is_current(message):
-            self._counts["stale"] += 1
+            self._tally.stale[topic.name] += 1
             return None
+        self._tally.received[topic.name] += 1
         self._count_gap(topic.name, message.header)
         return message
 
@@ -178,10 +202,11 @@ class Host:
         try:
             return decode(topic, item.encoding, item.payload)
         except ContractError as error:
-            self._counts["rejected"] += 1
+            self._tally.rejected[topic.name] += 1
             if (topic.name, error.code) not in self._complained:
                 self._complained.add((topic.name, error.code))
-                log.warning("message rejected", extra={"key": item.key, **error.describe()})
+                extra = {"key": item.key, **error.describe(), **self._episodes.about(item.owner)}
+                log.warning("message rejected", extra=extra)
             return None
 
     def _is_current(self, message: Message) -> bool:
@@ -198,24 +223,31 @@ class Host:
     def _enter_epoch(self, configure: EpisodeConfigure) -> None:
         self._epochs[configure.header.cell] = configure.header.epoch
         self._modes[configure.header.cell] = configure.mode
+        self._episodes.begin(configure)
 
     def _count_gap(self, topic: str, header: Header) -> None:
         key = (header.source, topic, header.cell)
         last = self._last_seen.get(key)
         if last is not None and header.seq > last + 1:
-            self._counts["gaps"] += header.seq - last - 1
+            self._tally.missing[topic] += header.seq - last - 1
         self._last_seen[key] = header.seq
 
     def _handle(self, messages: Sequence[AnyMessage]) -> None:
         started = time.perf_counter_ns()
-        self._counts["handled"] += len(messages)
+        self._tally.handled += len(messages)
         # A list, so that publishing is not counted as the reactor's time.
         outputs = list(self.reactor.handle(messages))
-        self._handle_ns += time.perf_counter_ns() - started
+        took_ns = time.perf_counter_ns() - started
+        self._tally.handle_ns += took_ns
+        if self._exporter is not None:
+            self._exporter.handled(messages, outputs, took_ns=took_ns)
         for message in messages:
             # Asked of every message: `isinstance` of a pydantic model takes half a microsecond.
             if type(message) is EpisodeConfigure:
                 self._follow(message.header.cell)
+                self._episodes.prepare(message, takes_part=self.reactor.serves(message.header.cell))
+            elif type(message) is EpisodeAbort:
+                self._episodes.abort(message)
         for message in outputs:
             if isinstance(message, AskDescription):
                 self.ask_description(message.node)
@@ -231,7 +263,10 @@ class Host:
         sequence_key = (type(message).__name__, header.cell)
         seq = self._sequence[sequence_key] = self._sequence[sequence_key] + 1
         stamped = message.stamped(source=self.node, seq=seq, t_mono_ns=time.monotonic_ns())
-        self._counts["published"] += 1
+        topic = topic_of(type(message))
+        self._tally.published[topic.name] += 1
+        if topic.is_control:
+            self._episodes.send(message)
         self._bus.publish(
             stamped,
             owner=header.cell or self.node,

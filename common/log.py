@@ -10,6 +10,8 @@ import logging
 import sys
 from typing import Any
 
+from common.messages import Header
+
 _STANDARD = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName"}
 
 
@@ -32,6 +34,26 @@ class JsonFormatter(logging.Formatter):
         if record.exc_info:
             line["traceback"] = self.formatException(record.exc_info)
         return json.dumps(line, default=str)
+
+
+def about(header: Header) -> dict[str, Any]:
+    """Fields for `extra=` that say which episode a line is about.
+
+    Explicit, not of the context: one call of a service may be about the episodes of several cells.
+
+    Args:
+        header: Of any message of the episode. Its episode is `<evaluation>.<trial>.<attempt>` where
+            a control plane made it.
+
+    Returns:
+        `cell`, `epoch`, and `evaluation`, `trial` and `attempt`, or `episode` in one piece.
+    """
+    fields: dict[str, Any] = {"cell": header.cell, "epoch": header.epoch}
+    evaluation, *numbers = header.episode.rsplit(".", 2)
+    if len(numbers) == 2 and all(number.isdecimal() for number in numbers):
+        trial, attempt = map(int, numbers)
+        return fields | {"evaluation": evaluation, "trial": trial, "attempt": attempt}
+    return fields | {"episode": header.episode}
 
 
 def configure_logging(service: str, *, level: str = "INFO") -> None:

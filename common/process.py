@@ -11,15 +11,19 @@ from pathlib import Path
 from typing import Any
 
 from common.bus import BusSettings, Credentials
-from common.errors import LegatoError
+from common.errors import InvalidValue, LegatoError
 from common.log import configure_logging
+from common.metrics import MetricsSettings
 from common.service import Reactor, run_process
 
 log = logging.getLogger(__name__)
 
+METRICS_PORT = "LEGATO_METRICS_PORT"
+METRICS_HOST = "LEGATO_METRICS_HOST"
+
 
 def add_bus_options(parser: argparse.ArgumentParser, *, default_node: str) -> None:
-    """Add the options that every process has: its name, its bus, its parent, its log."""
+    """Add the options that every process has: its name, bus, parent, log and metrics."""
     parser.add_argument("--node", default=default_node, help="name on the bus (%(default)s)")
     parser.add_argument(
         "--endpoint",
@@ -37,6 +41,36 @@ def add_bus_options(parser: argparse.ArgumentParser, *, default_node: str) -> No
         choices=("DEBUG", "INFO", "WARNING", "ERROR"),
         help="least level that is logged (%(default)s)",
     )
+    add_metrics_options(parser)
+
+
+def add_metrics_options(parser: argparse.ArgumentParser) -> None:
+    """Add where Prometheus may ask."""
+    parser.add_argument(
+        "--metrics-port",
+        type=int,
+        default=os.environ.get(METRICS_PORT) or None,
+        help=f"port of the metrics for Prometheus ({METRICS_PORT}; default: none)",
+    )
+    parser.add_argument(
+        "--metrics-host",
+        default=os.environ.get(METRICS_HOST) or "127.0.0.1",
+        help=f"address of the metrics ({METRICS_HOST}; %(default)s)",
+    )
+
+
+def metrics_settings(args: argparse.Namespace) -> MetricsSettings | None:
+    """Where Prometheus may ask, from the options of `add_metrics_options`.
+
+    Raises:
+        InvalidValue: There is no such port.
+    """
+    port: int | None = args.metrics_port
+    if port is None:
+        return None
+    if not 0 <= port <= 65535:
+        raise InvalidValue("--metrics-port", port, "a number from 0 to 65535")
+    return MetricsSettings(port=port, host=args.metrics_host)
 
 
 def add_certs_option(parser: argparse.ArgumentParser) -> None:
@@ -98,6 +132,7 @@ def run_service(
             bus_settings(args),
             node=args.node,
             parent_pid=args.parent_pid,
+            metrics=metrics_settings(args),
             **kwargs,
         )
     except LegatoError as error:

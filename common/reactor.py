@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar, TypeAlias
 
 from common.messages import CheckpointDescription, LocalMessage, Message
+from common.metrics.metric import Sample
 
 AnyMessage: TypeAlias = Message | LocalMessage
 
@@ -36,6 +37,23 @@ class Reactor(ABC):
     def checkpoints(self) -> Mapping[str, CheckpointDescription]:
         """Learned policies that it has in memory, by name."""
         return {}
+
+    def measure(
+        self, given: Sequence[AnyMessage], returned: Sequence[AnyMessage], began_ns: int
+    ) -> Iterable[Sample]:
+        """Samples for histograms of one call of `handle`. Asked only where metrics are exported.
+
+        Args:
+            given: What `handle` was given.
+            returned: What it returned.
+            began_ns: This process's monotonic clock when it was called.
+        """
+        del given, returned, began_ns
+        return ()
+
+    def levels(self) -> Iterable[Sample]:
+        """Totals and current values. Asked once a second, only where metrics are exported."""
+        return ()
 
     def serves(self, cell: str) -> bool:
         """Whether data of this cell concerns it now; what does not is dropped undecoded."""

@@ -8,15 +8,21 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from common.bus import Bus, BusSettings, open_session
 from common.bus.access import check_node_name
 from common.errors import AlreadyRunning, RouterUnreachable
 from common.health import Heartbeat
 from common.host import Host, Sink
+from common.metrics import MetricsSettings
 from common.reactor import AnyMessage, Reactor
+
+if TYPE_CHECKING:
+    from common.metrics.exporter import Exporter
 
 __all__ = [
     "AnyMessage",
@@ -44,6 +50,7 @@ def run_process(
     unique: bool = False,
     on_host: Callable[[Host, threading.Event], None] | None = None,
     stop: threading.Event | None = None,
+    metrics: MetricsSettings | None = None,
 ) -> None:
     """Give a reactor to Zenoh as a process and return after SIGTERM or SIGINT.
 
@@ -59,11 +66,13 @@ def run_process(
         unique: Refuse to start beside another node of the same kind.
         on_host: Called with the running host, for edges that hand messages in.
         stop: Ends the loop when set; by default SIGTERM and SIGINT set one of our own.
+        metrics: Where Prometheus may ask; nowhere without it.
 
     Raises:
         RouterUnreachable: No router in time.
         AlreadyRunning: `unique`, and there is one.
         InvalidValue: Access control would silence a node of this name.
+        PortInUse: Something else listens where the metrics are to be.
     """
     if settings.credentials is not None:
         check_node_name(reactor.kind, node)
@@ -72,10 +81,14 @@ def run_process(
         install_stop_signals(stop)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     try:
-        with open_session(settings, stop=stop) as session, Bus(session) as bus:
+        with (
+            _open_exporter(metrics, reactor, node) as exporter,
+            open_session(settings, stop=stop) as session,
+            Bus(session) as bus,
+        ):
             if unique:
                 _refuse_second(bus, reactor.kind, settings)
-            host = Host(reactor, bus, node=node, sink=sink)
+            host = Host(reactor, bus, node=node, sink=sink, exporter=exporter)
             host.start()
             log.info("ready", extra={"kind": reactor.kind, "node": node})
             if on_host is not None:
@@ -86,6 +99,20 @@ def run_process(
         # Told to stop while it was waiting for a router: not an error.
         if not stop.is_set():
             raise
+
+
+@contextmanager
+def _open_exporter(
+    settings: MetricsSettings | None, reactor: Reactor, node: str
+) -> Generator[Exporter | None, None, None]:
+    if settings is None:
+        yield None
+        return
+    # A server and its packages, for a process that was asked to have one.
+    from common.metrics.endpoint import open_exporter
+
+    with open_exporter(settings, reactor, node=node) as exporter:
+        yield exporter
 
 
 def _loop(host: Host, bus: Bus, stop: threading.Event, parent_pid: int | None) -> None:

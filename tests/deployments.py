@@ -24,6 +24,7 @@ def running(
     robots: tuple[str, ...] = ("abstract", "panda"),
     cells: int = 1,
     certs: Path | None = None,
+    metrics_port: int | None = None,
 ) -> Iterator[tuple[Deployment, Supervisor, LegatoClient]]:
     """Start all processes, wait until they are ready, and stop them in every case."""
     router_port, rest_port = find_free_ports(2)
@@ -35,6 +36,7 @@ def running(
         namespace=f"test-{rest_port}",
         data=folder,
         certs=certs,
+        metrics_port=metrics_port,
     )
     with (
         open_deployment(deployment) as supervisor,

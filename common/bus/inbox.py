@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections import deque
+from collections import defaultdict, deque
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -48,12 +48,30 @@ class Inbox:
     """
 
     def __init__(self) -> None:
-        self.superseded = 0
+        self.superseded_by_topic = defaultdict[str, int](int)
         self._lock = threading.Lock()
         self._slots: dict[str, dict[str, deque[Received | Handed]]] = {}
         self._events: list[Any] = []
         self._signalled = False
         self._wake: queue.SimpleQueue[None] = queue.SimpleQueue()
+
+    @property
+    def superseded(self) -> int:
+        """How many messages gave way to a newer one."""
+        return sum(dict(self.superseded_by_topic).values())
+
+    @property
+    def waiting_events(self) -> int:
+        """How many events wait."""
+        return len(self._events)
+
+    def depths(self) -> dict[str, int]:
+        """How many messages of each topic wait."""
+        with self._lock:
+            return {
+                name: sum(len(slot) for slot in by_key.values())
+                for name, by_key in self._slots.items()
+            }
 
     def open_topic(self, topic: Topic) -> None:
         """Make room for a topic before the first message can come."""
@@ -70,7 +88,7 @@ class Inbox:
             if slot is None:
                 slot = by_key[item.key] = deque(maxlen=item.topic.depth)
             if len(slot) == item.topic.depth:
-                self.superseded += 1
+                self.superseded_by_topic[item.topic.name] += 1
             slot.append(item)
             self._signal()
 

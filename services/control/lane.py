@@ -87,6 +87,10 @@ class EvaluationRun:
         """Whether any trial waits."""
         return any(lane.pending for lane in self._lanes.values())
 
+    def count_pending(self) -> int:
+        """How many trials wait."""
+        return sum(len(lane.pending) for lane in self._lanes.values())
+
     def look(self, registry: NodeRegistry, now_ns: int) -> bool:
         """Note who is missing; tell whether that changed."""
         before = self.waiting

@@ -25,6 +25,7 @@ from common.messages import (
     Problem,
     Tick,
 )
+from common.metrics import Sample
 from common.service import AnyMessage, Reactor
 from services.control.attempt import Attempt
 from services.control.events import (
@@ -43,6 +44,7 @@ from services.control.events import (
 )
 from services.control.lane import EvaluationRun
 from services.control.losses import LossWindow
+from services.control.measured import Measured
 from services.control.nodes import Need, NodeRegistry
 from services.control.reloads import Reloads
 
@@ -100,6 +102,7 @@ class Scheduler(Reactor):
         self._registry = NodeRegistry()
         self._reloads = Reloads()
         self._losses = LossWindow()
+        self._measured = Measured()
         self._runs: dict[str, EvaluationRun] = {}
         self._attempts: dict[str, Attempt] = {}
         self._now_ns: int | None = None
@@ -128,6 +131,19 @@ class Scheduler(Reactor):
         self._to_bus.clear()
         self._to_edge.clear()
         return outputs
+
+    def measure(
+        self, given: Sequence[AnyMessage], returned: Sequence[AnyMessage], began_ns: int
+    ) -> Iterable[Sample]:
+        """Count the trials that have ended."""
+        self._measured.add(returned)
+        return super().measure(given, returned, began_ns)
+
+    def levels(self) -> Iterable[Sample]:
+        """Nodes, evaluations and trials."""
+        return self._measured.levels(
+            self._registry.infos(), self._runs.values(), len(self._attempts)
+        )
 
     def _take(self, message: AnyMessage) -> None:
         match message:

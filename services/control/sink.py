@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 
 from common.messages import LocalMessage
@@ -14,9 +15,12 @@ from services.control.events import (
     PictureArrived,
     PolicyLoadEnded,
     TrialEnded,
+    TrialSpec,
     WaitingChanged,
 )
 from services.control.store import Store
+
+log = logging.getLogger(__name__)
 
 Notify = Callable[[str, int | None], None]
 """Told the evaluation, and the trial that changed it if it was one."""
@@ -53,6 +57,8 @@ class ResultSink:
                 self._deployment.set_waiting(event.evaluation, event.names)
                 self._notify(event.evaluation, None)
             case EvaluationEnded():
+                ended = {"evaluation": event.evaluation, "status": event.status}
+                log.info("evaluation ended", extra=ended)
                 self._deployment.set_waiting(event.evaluation, ())
                 self._store.end_evaluation(event)
                 self._notify(event.evaluation, None)
@@ -66,7 +72,18 @@ class ResultSink:
         match event:
             case AttemptStarted():
                 self._store.start_attempt(event)
+                began = {"attempt": event.number, "cell": event.cell, "epoch": event.epoch}
+                log.info("attempt started", extra=_about(event.trial) | began)
             case AttemptEnded():
                 self._store.end_attempt(event)
+                ended = {"attempt": event.number, "reason": event.reason}
+                log.info("attempt aborted", extra=_about(event.trial) | ended)
             case TrialEnded():
                 self._store.end_trial(event)
+                ended = {"outcome": event.status, "reason": event.reason}
+                log.info("trial ended", extra=_about(event.trial) | ended)
+
+
+def _about(trial: TrialSpec) -> dict[str, object]:
+    """Fields that say which trial a line is about, named as in the other processes."""
+    return {"evaluation": trial.evaluation, "trial": trial.id}

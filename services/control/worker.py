@@ -8,7 +8,7 @@ import threading
 from pathlib import Path
 
 from common.errors import LegatoError, RouterUnreachable
-from common.process import bus_settings
+from common.process import bus_settings, metrics_settings
 from common.service import Host, run_process
 from services.control.catalog import Catalog
 from services.control.database import Database, database_url
@@ -98,6 +98,7 @@ class Worker:
                 unique=True,
                 on_host=on_host,
                 stop=self._stop,
+                metrics=metrics_settings(self._args),
             )
         finally:
             for database in databases:

@@ -16,17 +16,30 @@ from services.policy.serving.learned import LearnedPolicy, step_together
 Due: TypeAlias = tuple[Policy, Observation]
 
 
+@dataclass(frozen=True, eq=False)
+class Pass:
+    """One pass of one policy. Compared by identity: those who shared it have the same one.
+
+    Args:
+        inference_s: How long it took, with everybody who shared it [s].
+        cells: How many shared it.
+    """
+
+    inference_s: float
+    cells: int
+
+
 @dataclass(frozen=True)
 class Acted:
     """What a policy did with an observation.
 
     Args:
         steps: Its action.
-        inference_s: Time of the pass that made it, with everybody who shared it [s].
+        made_by: The pass that made it.
     """
 
     steps: list[ActionStep]
-    inference_s: float
+    made_by: Pass
 
 
 def act_all(due: Sequence[Due]) -> list[Acted | LegatoError]:
@@ -35,10 +48,10 @@ def act_all(due: Sequence[Due]) -> list[Acted | LegatoError]:
     for members in _group(due):
         started = time.perf_counter()
         done = _act([due[number] for number in members])
-        inference_s = time.perf_counter() - started
+        made_by = Pass(time.perf_counter() - started, len(members))
         for number, result in zip(members, done, strict=True):
             failed = isinstance(result, LegatoError)
-            results[number] = result if failed else Acted(result, inference_s)
+            results[number] = result if failed else Acted(result, made_by)
     return [result for result in results if result is not None]
 
 

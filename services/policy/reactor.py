@@ -20,11 +20,16 @@ from common.messages import (
     Problem,
     StereoFrame,
 )
+from common.metrics import Sample
+from common.metrics.table import BATCH, INFERENCE, OBSERVATION_AGE
 from common.service import AnyMessage, Reactor
-from services.policy.batches import Acted, act_all
+from services.policy.batches import Acted, Pass, act_all
 from services.policy.policy import Observation, Policy
 from services.policy.registry import BUILT_IN
 from services.policy.serving.library import Library
+
+OLDEST_OBSERVATION_S = 60.0
+"""An older frame was stamped by the clock of another host."""
 
 
 @dataclass
@@ -66,6 +71,7 @@ class PolicyReactor(Reactor):
         self._library = Library() if library is None else library
         self._cells: dict[str, _Cell] = {}
         self._due: list[tuple[_Cell, Observation]] = []
+        self._passes: list[Pass] = []
 
     def offers(self) -> dict[str, list[str]]:
         """Names of the policies."""
@@ -82,6 +88,7 @@ class PolicyReactor(Reactor):
     def handle(self, messages: Sequence[AnyMessage]) -> Iterable[AnyMessage]:
         """Take frames and truth, return actions."""
         outputs: list[AnyMessage] = []
+        self._passes.clear()
         for message in messages:
             if isinstance(message, StereoFrame | GroundTruth):
                 outputs += self._observe(message)
@@ -95,6 +102,21 @@ class PolicyReactor(Reactor):
             elif isinstance(message, PolicyLoad) and message.node == self.node:
                 outputs.append(self._load(message))
         return [*outputs, *self._act()]
+
+    def measure(
+        self, given: Sequence[AnyMessage], returned: Sequence[AnyMessage], began_ns: int
+    ) -> Iterable[Sample]:
+        """Ages of the frames, and the passes of the last `handle`."""
+        del returned
+        for message in given:
+            if type(message) is StereoFrame:
+                age_s = (began_ns - message.header.t_mono_ns) * 1e-9
+                # The clocks of two hosts have nothing in common.
+                if 0.0 <= age_s < OLDEST_OBSERVATION_S:
+                    yield Sample(OBSERVATION_AGE, age_s)
+        for each in self._passes:
+            yield Sample(INFERENCE, each.inference_s)
+            yield Sample(BATCH, each.cells)
 
     def _prepare(self, configure: EpisodeConfigure) -> list[Message]:
         self._cells.pop(configure.header.cell, None)
@@ -169,6 +191,7 @@ class PolicyReactor(Reactor):
         """Let the policies act that are due, in the order in which they became so."""
         due, self._due = self._due, []
         done = act_all([(cell.policy, observation) for cell, observation in due])
+        self._passes += dict.fromkeys(x.made_by for x in done if isinstance(x, Acted))
         outputs: list[Message] = []
         for (cell, observation), result in zip(due, done, strict=True):
             if isinstance(result, LegatoError):
@@ -194,5 +217,5 @@ def _reply(frame: StereoFrame, acted: Acted) -> PolicyAction:
         for_step=asked.step,
         request_t_mono_ns=asked.t_mono_ns,
         steps=acted.steps,
-        inference_s=acted.inference_s,
+        inference_s=acted.made_by.inference_s,
     )

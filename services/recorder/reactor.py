@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Sequence
 
+from common.log import about
 from common.messages import (
     EpisodeAbort,
     EpisodeConfigure,
@@ -65,8 +66,8 @@ class RecorderReactor(Reactor):
     def _begin(self, configure: EpisodeConfigure) -> None:
         unfinished = self._timelines.get(configure.header.cell)
         if unfinished is not None and unfinished.configure.header.epoch != configure.header.epoch:
-            episode = unfinished.configure.header.episode
-            log.warning("episode without an end is not recorded", extra={"episode": episode})
+            extra = about(unfinished.configure.header)
+            log.warning("episode without an end is not recorded", extra=extra)
         self._timelines[configure.header.cell] = Timeline(configure)
 
     def _end(self, message: EpisodeResult) -> list[AnyMessage]:

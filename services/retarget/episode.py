@@ -8,6 +8,7 @@ from collections import deque
 
 from common.clock import TICK_S
 from common.errors import InvalidValue, LegatoError, WrongShape
+from common.log import about
 from common.messages import (
     EpisodeConfigure,
     Message,
@@ -143,7 +144,7 @@ class RetargetEpisode:
         fault = self._find_fault(state)
         if fault is not None and not self._complained:
             self._complained = True
-            log.error("state ignored", extra={"cell": state.header.cell, **fault.describe()})
+            log.error("state ignored", extra={**about(state.header), **fault.describe()})
         return fault is None
 
     def _find_fault(self, state: RobotState) -> LegatoError | None:

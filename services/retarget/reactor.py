@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Mapping, Sequence
 
 from common.errors import LegatoError, UnknownName
@@ -14,17 +13,18 @@ from common.messages import (
     Message,
     PolicyAction,
     Problem,
+    RetargetStatus,
     RobotState,
 )
+from common.metrics import Sample
 from common.robots import RobotSpec, load_robot
 from common.service import AnyMessage, Reactor
 from common.tasks import Task, load_task
 from services.retarget.episode import RetargetEpisode
+from services.retarget.measured import Measured
 from services.retarget.retargeter import IdentityRetargeter, Retargeter
 from services.retarget.robot_model import RobotModel
 from services.retarget.whole_body import WholeBodyRetargeter
-
-log = logging.getLogger(__name__)
 
 
 class RetargetReactor(Reactor):
@@ -51,6 +51,7 @@ class RetargetReactor(Reactor):
         self._specs = {name: load_robot(name) for name in robots}
         self._models: dict[str, RobotModel] = {}
         self._episodes: dict[str, RetargetEpisode] = {}
+        self._measured = Measured(self._specs)
 
     def offers(self) -> Mapping[str, list[str]]:
         """The robots it serves."""
@@ -69,6 +70,21 @@ class RetargetReactor(Reactor):
             elif isinstance(message, EpisodeConfigure):
                 answers += self._configure(message)
         return answers
+
+    def measure(
+        self, given: Sequence[AnyMessage], returned: Sequence[AnyMessage], began_ns: int
+    ) -> Iterable[Sample]:
+        """Solve times and errors of the hand, every tenth tick for ten ticks."""
+        del given, began_ns
+        for message in returned:
+            if type(message) is RetargetStatus:
+                episode = self._episodes.get(message.header.cell)
+                if episode is not None:
+                    yield from self._measured.add(message, episode.configure.robot)
+
+    def levels(self) -> Iterable[Sample]:
+        """Ticks at a limit and ticks without a solution."""
+        return self._measured.levels()
 
     def _pass_on(self, message: RobotState | PolicyAction | EpisodeAbort) -> list[Message]:
         episode = self._episodes.get(message.header.cell)
@@ -93,7 +109,6 @@ class RetargetReactor(Reactor):
             try:
                 self._episodes[cell] = self._prepare(configure)
             except LegatoError as error:
-                log.error("cannot prepare", extra={"cell": cell, **error.describe()})
                 problem = Problem(**error.describe())
         header = Header(cell=cell, episode=configure.header.episode, epoch=configure.header.epoch)
         return [EpisodeReady(header=header, node=self._node, kind=self.kind, problem=problem)]

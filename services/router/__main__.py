@@ -11,7 +11,13 @@ from common.bus import BusSettings, open_session
 from common.errors import Exposed, InvalidValue, LegatoError
 from common.exposure import is_loopback
 from common.log import configure_logging
-from common.process import add_certs_option, load_credentials, report_failure
+from common.process import (
+    add_certs_option,
+    add_metrics_options,
+    load_credentials,
+    metrics_settings,
+    report_failure,
+)
 from common.service import install_stop_signals, run_process
 from services.router.presence import Presence
 
@@ -50,7 +56,14 @@ def run(args: argparse.Namespace) -> None:
     own = f"{scheme}/{_LOOPBACK.get(host, host)}:{port}"
     presence = BusSettings("client", own, args.namespace, credentials)
     with open_session(router):
-        run_process(Presence(), presence, node=args.node, parent_pid=args.parent_pid, stop=stop)
+        run_process(
+            Presence(),
+            presence,
+            node=args.node,
+            parent_pid=args.parent_pid,
+            stop=stop,
+            metrics=metrics_settings(args),
+        )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -67,6 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_certs_option(parser)
     parser.add_argument("--parent-pid", type=int, default=None, help="stop when it is gone")
     parser.add_argument("--log-level", default="INFO", help="least level that is logged")
+    add_metrics_options(parser)
     args = parser.parse_args(argv)
     configure_logging(args.node, level=args.log_level)
     try:

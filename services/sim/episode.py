@@ -30,6 +30,7 @@ from common.se3 import pose_to_wire
 from common.tasks.task import Judgement, SuccessMonitor
 from services.sim.album import Album
 from services.sim.camera import Sensor, Skin, StereoCamera
+from services.sim.counts import LiveCounts
 from services.sim.measurements import Ending, Measurements
 from services.sim.stages import StageMonitor
 from services.sim.trace import Trace
@@ -103,6 +104,11 @@ class Episode:
     def realtime(self) -> bool:
         """Whether wall time paces the episode."""
         return self.configure.mode == "realtime"
+
+    @property
+    def counts(self) -> LiveCounts:
+        """Where it counts, for metrics."""
+        return LiveCounts(self._measured, self._barrier, self._pacer)
 
     def start(self) -> list[Message]:
         """Start the clock: the messages of tick 0."""

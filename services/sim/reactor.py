@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from common.messages import (
     EpisodeAbort,
     EpisodeConfigure,
     EpisodeReady,
+    EpisodeResult,
     EpisodeStart,
     Message,
     MotorCommand,
@@ -21,15 +21,16 @@ from common.messages import (
     RobotCommand,
     Tick,
 )
+from common.metrics import Sample
+from common.metrics.table import ACTION_AGE, COMMAND_AGE
 from common.robots import list_robots, load_robot
 from common.service import AnyMessage, Reactor
 from common.tasks import list_tasks, load_task
 from services.sim.camera import RANDOMISED, Sensor, StereoCamera, warm_up, warm_up_meshes
+from services.sim.counts import Counts
 from services.sim.dress import dress
 from services.sim.episode import Episode
 from services.sim.world import TOOL_SITE, World
-
-log = logging.getLogger(__name__)
 
 _TAKE_PART = {"sim", "retarget", "gripper", "policy"}
 """Kinds of nodes that every episode has: reasons name them."""
@@ -58,6 +59,7 @@ class SimReactor(Reactor):
         self.node = node
         self._episode: Episode | None = None
         self._running = False
+        self._counts = Counts()
 
     def offers(self) -> dict[str, list[str]]:
         """Its cell, and what it can simulate."""
@@ -84,6 +86,23 @@ class SimReactor(Reactor):
                 self._episode = None
         return outputs
 
+    def measure(
+        self, given: Sequence[AnyMessage], returned: Sequence[AnyMessage], began_ns: int
+    ) -> Iterable[Sample]:
+        """Ages of the answers; both stamps are of this process's clock."""
+        for message in given:
+            if type(message) is RobotCommand:
+                yield Sample(COMMAND_AGE, (began_ns - message.request_t_mono_ns) * 1e-9)
+            elif type(message) is PolicyAction:
+                yield Sample(ACTION_AGE, (began_ns - message.request_t_mono_ns) * 1e-9)
+        for message in returned:
+            if type(message) is EpisodeResult:
+                self._counts.end(message.result.outcome)
+
+    def levels(self) -> Iterable[Sample]:
+        """What was counted over all episodes."""
+        return self._counts.levels()
+
     def _handle_one(self, message: AnyMessage) -> list[Message]:
         # Answers first: there are hundreds of them a second.
         if self._running and self._episode is not None and isinstance(message, _ANSWERS):
@@ -98,7 +117,6 @@ class SimReactor(Reactor):
             self._running = True
             return self._episode.start()
         if isinstance(message, EpisodeAbort):
-            log.info("episode aborted", extra={"cell": self.node, "reason": message.reason})
             self._episode = None
             return []
         if self._running and isinstance(message, Tick):
@@ -134,6 +152,7 @@ class SimReactor(Reactor):
             if configure.pictures and self._meshes and world.robot.meshes:
                 skin = dress(world, self._meshes)
             self._episode = Episode(configure, world, camera, calibration, sensor, skin)
+            self._counts.follow(self._episode.counts)
         except LegatoError as error:
             problem = Problem(**error.describe())
         return EpisodeReady(

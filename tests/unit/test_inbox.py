@@ -29,6 +29,20 @@ def test_newest_state_wins_per_cell_and_the_loss_is_counted():
         ("cell/b/robot/state", b"1"),
     }
     assert inbox.superseded == 2
+    assert inbox.superseded_by_topic == {"robot/state": 2}
+
+
+def test_what_waits_is_counted_by_topic():
+    state, action = topic_of(RobotState), topic_of(PolicyAction)
+    inbox = make_inbox(state, action)
+    for topic, owner in [(state, "a"), (state, "b"), (state, "b"), (action, "a"), (action, "a")]:
+        inbox.put(received(topic, owner, b""))
+    inbox.put_event("question")
+    assert inbox.depths() == {"robot/state": 2, "policy/action": 2}
+    assert inbox.waiting_events == 1
+    inbox.drain()
+    assert inbox.depths() == {"robot/state": 0, "policy/action": 0}
+    assert inbox.waiting_events == 0
 
 
 def test_a_stalled_reader_costs_bounded_memory():

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from common import messages as m
+from common.metrics.table import BATCH, INFERENCE
 from services.policy.reactor import PolicyReactor
 from services.policy.serving import library as library_module
 from services.policy.serving.backend import ROWS
@@ -94,10 +95,15 @@ def test_one_pass_serves_all_that_wait(folders, monkeypatch):
     backend.given.clear()
     for cell in CELLS:
         reactor.handle([configure(cell)])
-    outputs = list(reactor.handle([see(cell, 0) for cell in CELLS]))
+    frames = [see(cell, 0) for cell in CELLS]
+    outputs = list(reactor.handle(frames))
     assert [len(given.images) for given in backend.given] == [3]
     assert len({each.inference_s for each in outputs}) == 1
     assert outputs[0].inference_s > 0
+    measured = [each[:2] for each in reactor.measure([], outputs, 0)]
+    assert measured == [(INFERENCE, outputs[0].inference_s), (BATCH, 3)]
+    assert list(reactor.handle(frames)) == outputs
+    assert list(reactor.measure([], outputs, 0)) == []
 
 
 def test_the_sizes_of_a_pass_are_warm_before_a_policy_is_offered(folders, monkeypatch):
