@@ -4,7 +4,7 @@ BIN := .venv/bin
 RUNS := .venv/.runs
 STAMP := .venv/.installed
 
-.PHONY: run test test-long test-compose check format bench bench-retarget bench-robosuite bench-inference bench-loader clean help
+.PHONY: run test test-long test-compose check format bench bench-retarget bench-robosuite bench-inference bench-loader bench-remote bench-soak clean help
 .DEFAULT_GOAL := help
 
 help:   ## list the targets
@@ -61,5 +61,11 @@ bench-inference: $(STAMP) ## speed of a learned policy, for one cell and for eig
 bench-loader: $(STAMP) ## speed at which training gathers its windows
 	$(BIN)/python -m benchmarks.loader
 
+bench-remote: $(STAMP) ## round trip of a remote policy beside two other policy servers
+	$(BIN)/python -m benchmarks.versus_policy_servers
+
+bench-soak: $(STAMP) ## an hour in real time: latency, and what grows
+	$(BIN)/python -m benchmarks.soak --minutes 60
+
 clean:  ## remove the environment and results
-	rm -rf .venv .venv-robosuite runs
+	rm -rf .venv .venv-policy-servers .venv-robosuite runs
