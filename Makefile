@@ -4,7 +4,7 @@ BIN := .venv/bin
 RUNS := .venv/.runs
 STAMP := .venv/.installed
 
-.PHONY: run test test-long test-compose check format bench bench-retarget bench-robosuite bench-inference bench-loader bench-remote bench-soak clean help
+.PHONY: run test test-long test-compose test-chaos check format bench bench-retarget bench-robosuite bench-inference bench-loader bench-remote bench-soak clean help
 .DEFAULT_GOAL := help
 
 help:   ## list the targets
@@ -33,6 +33,9 @@ test-long: $(STAMP) ## fuzzing and holding still, which take minutes
 
 test-compose: $(STAMP) ## images and containers; needs a container engine with Compose 2.24 or later
 	$(BIN)/python -m pytest -m compose tests/compose
+
+test-chaos: $(STAMP) ## processes and links that fail at random, while evaluations run
+	$(BIN)/python -m pytest -m chaos tests/chaos
 
 check: $(STAMP) ## format, lint, types, import contract
 	$(BIN)/ruff format --check .

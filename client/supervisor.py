@@ -27,8 +27,9 @@ from common.log import configure_logging
 log = logging.getLogger(__name__)
 
 POLL_S = 0.05
-GRACE_S = 3.0
-"""Time between SIGTERM and SIGKILL."""
+GRACE_S = 8.0
+"""Time between SIGTERM and SIGKILL. A simulation needs half a second of computing time to take its
+compiled code apart, which is seconds on a machine that is busy."""
 
 
 class Supervisor:

@@ -24,7 +24,7 @@ from client.supervisor import SupervisorState, open_deployment, read_state
 from client.tables import format_services
 from common.errors import AlreadyRunning, InvalidValue, NodeTimeout, NotWritable
 
-STOP_DEADLINE_S = 10.0
+STOP_DEADLINE_S = 15.0
 """More than the supervisor's own grace before it kills."""
 
 

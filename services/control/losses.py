@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from common.aborts import Cause, write_reason
 from services.control.nodes import ROUTER_KIND
 
 _COLLECT_NS = 150_000_000
@@ -36,7 +37,8 @@ class LossWindow:
         """
         routers = [(ROUTER_KIND, node) for node in self._routers]
         names = ", ".join(f"{kind} {node}" for kind, node in dict.fromkeys(routers or lost))
-        return f"{names} left (process died or link lost)"
+        cause = Cause.ROUTER_LEFT if routers else Cause.NODE_LEFT
+        return write_reason(cause, f"{names} left (process died or link lost)")
 
     def close(self) -> None:
         """Forget what was collected."""

@@ -149,6 +149,20 @@ class NodeRegistry:
             if node.node == metrics.node and node.alive:
                 node.metrics = metrics
 
+    def find_restarted(self, metrics: NodeMetrics) -> tuple[str, str] | None:
+        """Kind and name of a node whose count of beats has started over, though it never left.
+
+        A token that is declared again within the lease of the one before never goes, for anybody:
+        the process behind it is another one, which knows nothing of its episodes.
+        """
+        named = [node for node in self._nodes.values() if node.node == metrics.node and node.alive]
+        for node in named:
+            before = node.metrics
+            # Two nodes of one name have one key for their beats: nothing can be told from it.
+            if before is not None and metrics.header.seq < before.header.seq and len(named) == 1:
+                return node.kind, node.node
+        return None
+
     def undescribed(self, now_ns: int) -> list[str]:
         """Nodes to ask what they are: not asked yet, or without an answer for a second."""
         due: list[str] = []

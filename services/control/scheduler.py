@@ -7,22 +7,19 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
-from common.errors import NotReady
+from common.aborts import Cause, write_reason
 from common.messages import (
     AskDescription,
     EpisodePicture,
     EpisodeReady,
     EpisodeResult,
-    Header,
     LocalMessage,
     Message,
     NodeDescription,
     NodeDown,
     NodeMetrics,
     NodeUp,
-    PolicyLoad,
     PolicyLoaded,
-    Problem,
     Tick,
 )
 from common.metrics import Sample
@@ -36,17 +33,16 @@ from services.control.events import (
     LoadPolicy,
     NodesChanged,
     PictureArrived,
-    PolicyLoadEnded,
     SubmitEvaluation,
     TrialEnded,
     TrialSpec,
     WaitingChanged,
 )
 from services.control.lane import EvaluationRun
+from services.control.loading import PolicyLoading
 from services.control.losses import LossWindow
 from services.control.measured import Measured
 from services.control.nodes import Need, NodeRegistry
-from services.control.reloads import Reloads
 
 MAX_ATTEMPTS = 2
 READY_TIMEOUT_S = 20.0
@@ -100,7 +96,7 @@ class Scheduler(Reactor):
         self._ready_timeout_s = ready_timeout_s
         self._rejoin_s = rejoin_s
         self._registry = NodeRegistry()
-        self._reloads = Reloads()
+        self._loading = PolicyLoading(self._registry)
         self._losses = LossWindow()
         self._measured = Measured()
         self._runs: dict[str, EvaluationRun] = {}
@@ -145,6 +141,13 @@ class Scheduler(Reactor):
             self._registry.infos(), self._runs.values(), len(self._attempts)
         )
 
+    def _send(self, messages: Iterable[AnyMessage]) -> None:
+        for message in messages:
+            if isinstance(message, Message | AskDescription):
+                self._to_bus.append(message)
+            else:
+                self._to_edge.append(message)
+
     def _take(self, message: AnyMessage) -> None:
         match message:
             case Tick():
@@ -161,9 +164,9 @@ class Scheduler(Reactor):
             case CancelEvaluation():
                 self._cancel(message.evaluation)
             case LoadPolicy():
-                self._load(message)
+                self._send(self._loading.order(message))
             case PolicyLoaded():
-                self._take_loaded(message)
+                self._send(self._loading.take_answer(message))
             case _:
                 self._take_node_news(message)
 
@@ -171,18 +174,17 @@ class Scheduler(Reactor):
         match message:
             case NodeUp():
                 self._registry.add(message.kind, message.node)
-                self._reloads.restart(message.node)
+                self._loading.restart(message.node)
                 self._ask_undescribed()
             case NodeDown():
                 unanswered = self._registry.lose(message.kind, message.node)
-                self._reloads.lose(unanswered)
-                for request in unanswered:
-                    self._refuse_load(request, message.node)
+                self._send(self._loading.lose(unanswered, message.node))
                 self._lose(message.kind, message.node)
             case NodeDescription():
                 self._registry.describe(message)
-                self._load_again(message.node)
+                self._send(self._loading.load_again(message.node))
             case NodeMetrics():
+                self._notice_restart(message)
                 self._registry.measure(message)
                 owned = self._attempts.get(message.node)
                 if owned is not None and self._now_ns is not None:
@@ -190,6 +192,12 @@ class Scheduler(Reactor):
             case _:
                 return
         self._nodes_changed = True
+
+    def _notice_restart(self, metrics: NodeMetrics) -> None:
+        restarted = self._registry.find_restarted(metrics)
+        if restarted is not None:
+            self._take_node_news(NodeDown(*restarted))
+            self._take_node_news(NodeUp(*restarted))
 
     def _advance(self, now_ns: int) -> None:
         """Time has passed: what is due now?"""
@@ -219,17 +227,19 @@ class Scheduler(Reactor):
             return
         silent_s = (now_ns - attempt.since_ns) * 1e-9
         if attempt.running and silent_s >= SILENCE_S:
-            self._abort(attempt, f"sim {attempt.cell} gave no sign of life for {SILENCE_S:.0f} s")
+            text = f"sim {attempt.cell} gave no sign of life for {SILENCE_S:.0f} s"
+            self._abort(attempt, write_reason(Cause.NODE_TIMEOUT, text))
         elif not attempt.running and silent_s >= self._ready_timeout_s:
             silent = ", ".join(f"{kind} {attempt.nodes[kind]}" for kind in sorted(attempt.unready))
-            self._abort(attempt, f"{silent} did not get ready within {self._ready_timeout_s:.0f} s")
+            text = f"{silent} did not get ready within {self._ready_timeout_s:.0f} s"
+            self._abort(attempt, write_reason(Cause.NODE_TIMEOUT, text))
 
     def _check_missing(self, run: EvaluationRun, now_ns: int) -> None:
         if run.look(self._registry, now_ns):
             self._to_edge.append(WaitingChanged(run.id, run.waiting))
         for trial, missing in run.take_overdue(self._rejoin_s, now_ns):
-            names = ", ".join(missing)
-            self._end(run, trial, f"{names} missing for {self._rejoin_s:.0f} s")
+            text = f"{', '.join(missing)} missing for {self._rejoin_s:.0f} s"
+            self._end(run, trial, write_reason(Cause.NODE_MISSING, text))
         self._finish_if_empty(run)
 
     def _hand_out(self, now_ns: int) -> None:
@@ -271,7 +281,8 @@ class Scheduler(Reactor):
         problem = message.problem
         if problem is not None:
             text = f"{problem.happened}; {problem.expected}; {problem.action}"
-            self._abort(attempt, f"{message.kind} {message.node}: {text}")
+            who = f"{message.kind} {message.node}"
+            self._abort(attempt, write_reason(Cause.NODE_PROBLEM, f"{who}: {text}"))
             return
         attempt.unready.discard(message.kind)
         if not attempt.unready and not attempt.running:
@@ -291,45 +302,6 @@ class Scheduler(Reactor):
             run = self._runs[attempt.trial.evaluation]
             self._to_edge.append(TrialEnded(attempt.trial, result.outcome, result.reason, result))
             self._finish_if_empty(run)
-
-    def _load(self, order: LoadPolicy) -> None:
-        """Pass an order on to its policy service; trials for it wait until it has answered."""
-        load = PolicyLoad(
-            header=Header(),
-            request=order.request,
-            node=order.node,
-            policy=order.policy,
-            folder=order.folder,
-        )
-        if not self._send_load(load):
-            self._refuse_load(order.request, order.node)
-
-    def _send_load(self, load: PolicyLoad) -> bool:
-        sent = self._registry.begin_load(load)
-        if sent:
-            self._reloads.begin(load)
-            self._to_bus.append(load)
-        return sent
-
-    def _load_again(self, node: str) -> None:
-        """Tell a policy service that has started again the next of what it was told before."""
-        serves = self._registry.checkpoints(node)
-        load = None if serves is None else self._reloads.take(node, serves)
-        if load is not None:
-            self._send_load(load)
-
-    def _take_loaded(self, message: PolicyLoaded) -> None:
-        self._registry.end_load(message)
-        self._reloads.end(message)
-        self._load_again(message.node)
-        # First what is there now, then the word that it is.
-        self._to_edge.append(NodesChanged(self._registry.infos()))
-        self._to_edge.append(PolicyLoadEnded(message.request, message.problem))
-
-    def _refuse_load(self, request: str, node: str) -> None:
-        running = [info.node for info in self._registry.infos() if info.alive]
-        error = NotReady(f"the policy service {node}", running)
-        self._to_edge.append(PolicyLoadEnded(request, Problem(**error.describe())))
 
     def _take_picture(self, message: EpisodePicture) -> None:
         """Pictures come before the result: with it the cell goes on to its next epoch."""

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from sqlalchemy import delete, insert, select, update
 from sqlalchemy.orm import Session
 
+from common.aborts import Cause, write_reason
 from common.api import EvaluationRequest
 from services.control.database import Database
 from services.control.events import (
@@ -26,7 +27,7 @@ from services.control.pictures import encode_png, picture_name
 from services.control.scheduler import MAX_ATTEMPTS
 from services.control.summary import measurements_of
 
-STOPPED = "control plane stopped during the attempt"
+STOPPED = write_reason(Cause.CONTROL_STOPPED, "control plane stopped during the attempt")
 
 _OPEN = ("pending", "running")
 

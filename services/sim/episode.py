@@ -6,6 +6,7 @@ import math
 import time
 from typing import Final
 
+from common.aborts import Cause, write_reason
 from common.calibration import StereoCalibration
 from common.clock import FRAME_TICKS, TICK_S, LockstepBarrier, RealtimePacer, closes_frame
 from common.errors import InvalidValue, LegatoError, ModelError, WrongShape
@@ -157,7 +158,8 @@ class Episode:
         if verdict.overdue:
             nodes = sorted({self.configure.nodes[_NODE_OF[kind]] for kind in verdict.overdue})
             silent = ", ".join(nodes)
-            return self._end("aborted", f"node_timeout: {silent} did not answer tick {self._step}")
+            text = f"{silent} did not answer tick {self._step}"
+            return self._end("aborted", write_reason(Cause.NODE_TIMEOUT, text))
         return list(self._sent) if verdict.resend else []
 
     def _take_action(self, action: PolicyAction) -> None:
@@ -312,7 +314,8 @@ class Episode:
 
     def _abort(self, kind: str, error: LegatoError) -> list[Message]:
         """End the episode because of what a node has made, and name it."""
-        return self._end("aborted", f"{self.configure.nodes[kind]}: {error} ({error.code})")
+        text = f"{self.configure.nodes[kind]}: {error} ({error.code})"
+        return self._end("aborted", write_reason(Cause.NODE_PROBLEM, text))
 
     def _end(
         self, outcome: Outcome, reason: str, judgement: Judgement | None = None

@@ -165,7 +165,8 @@ def test_problem_of_a_node_reaches_the_trial(rest):
     )
     evaluation = rest.wait_for_end(rest.post().json()["id"])
     (trial,) = rest.plane.queries.trials(evaluation.id)
-    assert (trial.status, trial.reason) == ("aborted", "policy policy: no weights; a file; get it")
+    reason = "node_problem: policy policy: no weights; a file; get it"
+    assert (trial.status, trial.reason) == ("aborted", reason)
     assert [attempt.outcome for attempt in trial.attempts] == ["aborted", "aborted"]
     assert evaluation.cells[0].success_rate == 0.0
 
@@ -213,7 +214,7 @@ def test_evaluation_waits_for_a_missing_node_and_says_so(rest):
     rest.host.inbox.put_event(NodeUp("retarget", "retarget-panda"))
     rest.wait_until(lambda: statuses(rest, evaluation) == ["running"] * 2)
     (attempt, _) = rest.plane.queries.trial(evaluation, 0).attempts
-    assert attempt.reason == "retarget retarget-panda left (process died or link lost)"
+    assert attempt.reason == "node_left: retarget retarget-panda left (process died or link lost)"
 
 
 def test_catalog_and_nodes_are_listed(rest):

@@ -191,7 +191,7 @@ def test_killed_router_is_named_and_the_trial_is_run_again(running):
     running.router.wait(WAIT_S)
     wait_until(lambda: running.trials(evaluation)[0]["status"] == "pending")
     (attempt,) = running.trials(evaluation)[0]["attempts"]
-    assert attempt["reason"] == "router router left (process died or link lost)"
+    assert attempt["reason"] == "router_left: router router left (process died or link lost)"
     wait_until(lambda: running.evaluation(evaluation)["waiting_for"] != [])
     running.sim.hold.clear()
     running.router = running.start_router()

@@ -75,11 +75,11 @@ class Bench:
     def down(self, *nodes):
         return self.give(*(NodeDown(kind, node) for kind, node in nodes))
 
-    def beat(self, node):
+    def beat(self, node, *, seq=0):
         counts = dict.fromkeys(
             ("handled", "published", "rejected", "superseded", "stale", "gaps"), 0
         )
-        header = Header(source=node)
+        header = Header(source=node, seq=seq)
         return self.give(NodeMetrics(header=header, node=node, handle_time_s=0.0, **counts))
 
     def submit(self, name="e-1", **request):
@@ -197,7 +197,7 @@ def test_lost_node_is_named_and_trial_retried_once():
     bench.ready(configure)
     assert bench.down(("retarget", "retarget-panda")) == []
     out = [m for _ in range(3) for m in bench.tick()]
-    reason = "retarget retarget-panda left (process died or link lost)"
+    reason = "node_left: retarget retarget-panda left (process died or link lost)"
     assert one(EpisodeAbort, out).reason == reason
     assert one(AttemptEnded, out).reason == reason
 
@@ -240,7 +240,10 @@ def test_router_is_named_when_every_token_vanishes():
     bench.tick()
     bench.down(("router", "router"), ("retarget", "retarget-panda"), ("gripper", "gripper"))
     out = [m for _ in range(3) for m in bench.tick()]
-    assert one(EpisodeAbort, out).reason == "router router left (process died or link lost)"
+    assert (
+        one(EpisodeAbort, out).reason
+        == "router_left: router router left (process died or link lost)"
+    )
 
 
 def test_loss_is_the_cause_even_if_the_cell_aborts_first():
@@ -250,7 +253,7 @@ def test_loss_is_the_cause_even_if_the_cell_aborts_first():
     bench.down(("policy", "policy"))
     assert bench.end(configure, "aborted", "no action") == []
     out = [m for _ in range(3) for m in bench.tick()]
-    assert one(AttemptEnded, out).reason.startswith("policy policy left")
+    assert one(AttemptEnded, out).reason.startswith("node_left: policy policy left")
 
 
 def test_node_that_left_and_came_back_within_the_window_still_aborts():
@@ -259,7 +262,28 @@ def test_node_that_left_and_came_back_within_the_window_still_aborts():
     bench.down(("gripper", "gripper"))
     bench.up("gripper", "gripper")
     out = [m for _ in range(4) for m in bench.tick()]
-    assert one(EpisodeAbort, out).reason.startswith("gripper gripper left")
+    assert one(EpisodeAbort, out).reason.startswith("node_left: gripper gripper left")
+
+
+def test_node_that_was_replaced_without_leaving_is_noticed_by_its_beats():
+    bench = Bench()
+    configure = one(EpisodeConfigure, bench.submit())
+    bench.ready(configure)
+    for seq in (1, 2, 3):
+        assert bench.beat("sim-0", seq=seq) == []
+    assert bench.beat("sim-0", seq=1) == [AskDescription("sim-0")]
+    out = [m for _ in range(4) for m in bench.tick()]
+    assert one(EpisodeAbort, out).reason.startswith("node_left: sim sim-0 left")
+    bench.give(describe("sim", "sim-0"))
+    assert one(EpisodeConfigure, bench.tick(1.0)).seed == configure.seed
+
+
+def test_beats_of_two_nodes_of_one_name_say_nothing():
+    bench = Bench()
+    bench.up("policy", "sim-0")
+    bench.ready(one(EpisodeConfigure, bench.submit()))
+    assert [m for seq in (5, 1, 6, 2) for m in bench.beat("sim-0", seq=seq)] == []
+    assert [m for _ in range(4) for m in bench.tick()] == []
 
 
 def test_loss_of_a_node_that_takes_no_part_changes_nothing():
@@ -289,7 +313,7 @@ def test_missing_node_ends_the_trials_that_need_it_and_no_other():
     assert only(TrialEnded, bench.tick(9.5)) == []
     ended = only(TrialEnded, bench.tick(1.0))
     assert [(e.trial.robot, e.status) for e in ended] == [("spot", "aborted")] * 2
-    assert {e.reason for e in ended} == {"retarget retarget-spot missing for 10 s"}
+    assert {e.reason for e in ended} == {"node_missing: retarget retarget-spot missing for 10 s"}
     assert only(EvaluationEnded, bench.log) == []
     assert one(EvaluationEnded, bench.run(one(EpisodeConfigure, out))).status == "done"
 
@@ -306,7 +330,7 @@ def test_problem_of_a_node_aborts_with_its_words():
     configure = one(EpisodeConfigure, bench.submit())
     problem = Problem(code="E-X", happened="no model", expected="a file", action="get it")
     out = bench.ready(configure, kinds={"policy"}, problem=problem)
-    text = "policy policy: no model; a file; get it"
+    text = "node_problem: policy policy: no model; a file; get it"
     assert one(EpisodeAbort, out).reason == text
     assert one(AttemptEnded, out).reason == text
 
@@ -319,7 +343,7 @@ def test_silent_nodes_are_named_after_the_ready_timeout():
     out = bench.tick(1.5)
     assert (
         one(EpisodeAbort, out).reason
-        == "policy policy, retarget retarget-panda did not get ready within 20 s"
+        == "node_timeout: policy policy, retarget retarget-panda did not get ready within 20 s"
     )
 
 
@@ -330,7 +354,9 @@ def test_cell_that_hangs_is_given_up():
         assert bench.tick(20.0) == []
         bench.beat("sim-0")
     bench.tick(20.0)
-    assert one(EpisodeAbort, bench.tick(11.0)).reason.startswith("sim sim-0 gave no sign of life")
+    assert one(EpisodeAbort, bench.tick(11.0)).reason.startswith(
+        "node_timeout: sim sim-0 gave no sign of life"
+    )
 
 
 def test_messages_of_another_epoch_or_cell_do_not_count():

@@ -240,7 +240,9 @@ def test_a_foothold_out_of_reach_aborts_with_its_reason_and_the_cell_goes_on(sho
     assert messages[0].event == "aborted"
     (result,) = of(m.EpisodeResult, messages)
     assert result.result.outcome == "aborted"
-    assert result.result.reason.startswith(f"{CELL}: leg fl cannot reach its foothold at")
+    assert result.result.reason.startswith(
+        f"node_problem: {CELL}: leg fl cannot reach its foothold at"
+    )
     assert "(E-FOOTHOLD)" in result.result.reason
     (ready,) = reactor.handle([configure(robot="spot")])
     assert isinstance(ready, m.EpisodeReady)

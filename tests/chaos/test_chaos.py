@@ -1,0 +1,91 @@
+"""Evaluations while processes and links fail at random: every trial has one true end."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from common.api import Trial
+from tests.chaos.agent import ChaosAgent
+from tests.chaos.books import check_all
+from tests.chaos.chronicle import Chronicle
+from tests.chaos.memory import MemoryWatch
+from tests.chaos.recovery import Recovery, measure_recovery
+from tests.chaos.system import running_system
+from tests.chaos.workload import Workload, make_requests
+
+pytestmark = pytest.mark.processes
+
+READY_AGAIN_S = 30.0
+"""A bound for slow machines; what was measured is printed."""
+LARGEST_MIB = 512.0
+"""What `compose.yaml` allows each process."""
+LARGEST_GROWTH_MIB = 64.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [4], ids="seed-{}".format)
+def test_a_few_evaluations_survive_faults(seed: int, tmp_path: Path, capsys):
+    run(seed, tmp_path, capsys, evaluations=5)
+
+
+@pytest.mark.chaos
+@pytest.mark.parametrize("seed", [1], ids="seed-{}".format)
+def test_thirty_evaluations_survive_faults(seed: int, tmp_path: Path, capsys):
+    run(seed, tmp_path, capsys, evaluations=30)
+
+
+def run(seed: int, folder: Path, capsys, *, evaluations: int) -> None:
+    """Everything that is asserted, then the figures."""
+    requests = make_requests(evaluations)
+    with Chronicle().kept() as chronicle:
+        with running_system(folder, robots=("abstract", "panda"), cells=2) as system:
+            workload = Workload(system.client, requests)
+            agent = ChaosAgent(system, seed=seed, mean_pause_s=4.0, chronicle=chronicle)
+            with MemoryWatch(lambda: system.supervisor.pids) as memory:
+                with agent:
+                    workload.run(deadline_s=20.0 * evaluations)
+                recovery = measure_recovery(system, since_s=agent.last_s)
+            trials = check_all(system.client, requests, folder)
+            check_nothing_changed(workload, trials)
+            check_memory(memory)
+            assert recovery.ready_s < READY_AGAIN_S
+            assert not system.supervisor.given_up
+        assert chronicle.killed == []
+    with capsys.disabled():
+        sys.stdout.write(describe(seed, agent.count, trials, recovery, memory))
+
+
+def check_nothing_changed(workload: Workload, trials: list[Trial]) -> None:
+    """What was once shown as ended was neither run again nor written anew."""
+    final = {(trial.evaluation, trial.id): trial for trial in trials}
+    assert workload.ended == {key: final[key] for key in workload.ended}
+
+
+def check_memory(memory: MemoryWatch) -> None:
+    """No process is large, and none grows by the faults of the others."""
+    assert max(memory.peak_mib.values()) < LARGEST_MIB, memory.peak_mib
+    grown = {
+        key: growth for key, growth in memory.growth_mib.items() if growth > LARGEST_GROWTH_MIB
+    }
+    assert not grown
+
+
+def describe(
+    seed: int, faults: int, trials: list[Trial], recovery: Recovery, memory: MemoryWatch
+) -> str:
+    ends = Counter(trial.status for trial in trials)
+    attempts = sum(len(trial.attempts) for trial in trials)
+    ended = ", ".join(f"{count} {status}" for status, count in sorted(ends.items()))
+    largest = max(memory.peak_mib, key=memory.peak_mib.__getitem__)
+    return (
+        f"\nseed {seed}: {faults} faults, {len(trials)} trials ({ended}), {attempts} attempts\n"
+        f"ready {recovery.ready_s:.2f} s and whole {recovery.whole_s:.2f} s after the last fault, "
+        f"load {os.getloadavg()[0]:.1f}\n"
+        f"largest process {largest} {memory.peak_mib[largest]:.0f} MiB, "
+        f"largest growth {max(memory.growth_mib.values(), default=0.0):.0f} MiB\n"
+    )
