@@ -33,7 +33,7 @@ class Secure:
 
     def evaluate(self, policy: str) -> Trial:
         evaluation = self.submit(policy)
-        wait_until_done(self.client, evaluation)
+        wait_until_done(self.client, evaluation, timeout_s=600.0)
         return self.client.trials(evaluation)[0]
 
     def submit(self, policy: str = "expert") -> str:
@@ -105,7 +105,7 @@ def test_a_viewer_sees_the_bus_and_nobody_else_does(secure, capsys):
     plain = secure.deployment.endpoint.replace("tls/", "tcp/")
     assert cli.run(["topic", "hz", "robot/state", f"--endpoint={plain}"]) == 1
     assert RouterUnreachable.code in capsys.readouterr().err
-    wait_until_done(secure.client, evaluation)
+    wait_until_done(secure.client, evaluation, timeout_s=600.0)
 
 
 @pytest.mark.parametrize("module", ["services.gripper", "services.router"])
