@@ -257,34 +257,6 @@ class PolicyLoad(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CertsCreate(Command):
-    """Make an authority and one certificate per role, for an encrypted bus with access control."""
-
-    out: Path = Path("certs")
-    """New folder: the authority, and a folder per role to copy to its machine."""
-    host: Repeated = ()
-    """Name or address under which other machines reach the router; give it again for more."""
-    days: int = 365
-    """How long the certificates of the roles are valid; the authority lasts ten years."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CertsAdd(Command):
-    """Make one more certificate with the authority that is there: a further host, or a new key."""
-
-    role: Positional[str]
-    """Role, as in docs/security.md."""
-    out: Path = Path("certs")
-    """Folder of the authority."""
-    name: str | None = None
-    """Folder of the certificate in there (default: the role)."""
-    host: Repeated = ()
-    """Router: name or address under which other machines reach it; give it again for more."""
-    days: int = 365
-    """How long it is valid."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class KeysCreate(Command):
     """Make an API key: print it once, and keep its hash in a file for the control plane."""
 
@@ -410,6 +382,34 @@ class DataImport(Command):
     """The images are mirrored left-right: turn them back."""
     keep_idle: bool = False
     """Keep the frames at the start in which nothing is done yet."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertsCreate(Command):
+    """Make an authority and one certificate per role, for an encrypted bus with access control."""
+
+    out: Path = Path("certs")
+    """New folder: the authority, and a folder per role to copy to its machine."""
+    host: Repeated = ()
+    """Name or address under which other machines reach the router; give it again for more."""
+    days: int = 365
+    """How long the certificates of the roles are valid; the authority lasts ten years."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertsAdd(Command):
+    """Make one more certificate with the authority that is there: a further host, or a new key."""
+
+    role: Positional[str]
+    """Role, as in docs/security.md."""
+    out: Path = Path("certs")
+    """Folder of the authority."""
+    name: str | None = None
+    """Folder of the certificate in there (default: the role)."""
+    host: Repeated = ()
+    """Router: name or address under which other machines reach it; give it again for more."""
+    days: int = 365
+    """How long it is valid."""
 
 
 @dataclass(frozen=True, kw_only=True)

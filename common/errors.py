@@ -1,7 +1,7 @@
 """The one tree of errors.
 
 LegatoError
-├─ ConfigError      UnknownName, InvalidValue, MissingExtra, UntrainedTask, BadCertificate,
+├─ ConfigError      UnknownName, InvalidValue, BadCertificate, MissingExtra, UntrainedTask,
 │                   BadKeyFile, Exposed
 ├─ AccessError      KeyRefused, RoleTooLow, TooManyCalls
 ├─ ContractError    SchemaMismatch, MalformedMessage, WrongShape
@@ -83,6 +83,21 @@ class InvalidValue(ConfigError):
         )
 
 
+class BadCertificate(ConfigError):
+    """A certificate or key that is missing, cannot be read, or is not valid."""
+
+    code = "E-CERTIFICATE"
+
+    def __init__(self, path: str, problem: str) -> None:
+        self.path = path
+        self.problem = problem
+        super().__init__(
+            f"{path}: {problem}",
+            expected="expected ca.pem, cert.pem and key.pem of one role, readable and valid now",
+            action="copy the role's folder again, or make it with: legato certs (docs/security.md)",
+        )
+
+
 class MissingExtra(ConfigError):
     """A third-party package that an extra would have installed."""
 
@@ -111,21 +126,6 @@ class UntrainedTask(ConfigError):
             f'the policy {policy} was not trained for the task "{task}"',
             expected=f"trained for: {', '.join(tasks)}",
             action="choose another policy or another task",
-        )
-
-
-class BadCertificate(ConfigError):
-    """A certificate or key that is missing, cannot be read, or is not valid."""
-
-    code = "E-CERTIFICATE"
-
-    def __init__(self, path: str, problem: str) -> None:
-        self.path = path
-        self.problem = problem
-        super().__init__(
-            f"{path}: {problem}",
-            expected="expected ca.pem, cert.pem and key.pem of one role, readable and valid now",
-            action="copy the role's folder again, or make it with: legato certs (docs/security.md)",
         )
 
 

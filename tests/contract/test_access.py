@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from common import messages as m
 from common.bus.access import ROLES, Role, role_named
 from common.reactor import Reactor
-from common.topics import TOPICS
+from common.topics import TOPICS, topics_of
 from services.control.scheduler import Scheduler
 from services.gripper.reactor import GripperReactor
 from services.policy.reactor import PolicyReactor
@@ -76,3 +77,20 @@ def test_a_viewer_hears_everything_and_says_nothing():
 def test_only_control_loads_and_starts():
     for message in (m.EpisodeConfigure, m.EpisodeStart, m.EpisodeAbort, m.PolicyLoad):
         assert [role.name for role in ROLES if message in role.writes] == ["control"]
+
+
+def format_topics(messages: Sequence[type[m.Message]]) -> str:
+    """As docs/security.md writes them."""
+    if len(messages) == len(TOPICS):
+        return "everything"
+    return ", ".join(f"`{topic.name}`" for topic in topics_of(messages)) or "nothing"
+
+
+def test_the_documentation_has_this_table():
+    rows = [
+        f"| `{role.name}` | {format_topics(role.reads)} | {format_topics(role.writes)} |"
+        for role in ROLES
+    ]
+    text = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
+    header = "| role | may hear | may say |\n|---|---|---|\n"
+    assert text.partition(header)[2].partition("\n\n")[0].splitlines() == rows

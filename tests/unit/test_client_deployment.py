@@ -45,6 +45,20 @@ def test_checkpoints_go_to_the_policy_service(tmp_path):
         assert set(arguments) <= set(shown["policy"][1])
 
 
+def test_every_process_has_the_certificate_of_its_role(tmp_path):
+    shown = commands(Deployment(robots=("abstract",), certs=tmp_path))
+    roles = {"retarget-abstract": "retarget", "sim-0": "sim", "policy": "expert"}
+    for node, (_, arguments) in shown.items():
+        assert f"--certs={tmp_path / roles.get(node, node)}" in arguments
+        assert ("--endpoint=tls/127.0.0.1:7447" in arguments) == (node != "router")
+
+
+def test_a_folder_of_certificates_that_is_not_there_is_refused_up_front(tmp_path):
+    with pytest.raises(InvalidValue, match="--certs"):
+        up(Up(data=tmp_path, certs=tmp_path / "none"))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_folder_of_checkpoints_that_is_not_there_is_refused_up_front(tmp_path):
     with pytest.raises(InvalidValue, match="--checkpoints") as caught:
         up(Up(data=tmp_path, checkpoints=tmp_path / "none"))
