@@ -3,8 +3,10 @@ PY ?= python3
 BIN := .venv/bin
 RUNS := .venv/.runs
 STAMP := .venv/.installed
+TOOLS := .venv-tools/.installed
+LOCKED := build/locked/.installed
 
-.PHONY: run test test-long test-compose check format bench bench-retarget bench-robosuite bench-inference bench-loader clean help
+.PHONY: run test test-long test-compose check format lock sbom bench bench-retarget bench-robosuite bench-inference bench-loader clean help
 .DEFAULT_GOAL := help
 
 help:   ## list the targets
@@ -44,6 +46,27 @@ format: $(STAMP) ## rewrite the code in the house format
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
+# uv resolves for every platform and knows the hashes; cyclonedx-bom reads an environment.
+$(TOOLS):
+	$(PY) -m venv .venv-tools
+	.venv-tools/bin/python -m pip install --quiet --disable-pip-version-check cyclonedx-bom==7.5.0 uv==0.13.9
+	@touch $@
+
+lock: $(TOOLS) ## write requirements.lock: everything that runs without PyTorch, with hashes
+	.venv-tools/bin/uv pip compile --quiet --extra all --constraint constraints.txt \
+	  --universal --python-version 3.11 --generate-hashes --no-annotate \
+	  --custom-compile-command 'make lock' --output-file requirements.lock pyproject.toml
+
+$(LOCKED): requirements.lock $(TOOLS)
+	$(PY) -m venv --clear --without-pip build/locked
+	.venv-tools/bin/python -m pip --python build/locked/bin/python install --quiet \
+	  --disable-pip-version-check --require-hashes -r requirements.lock
+	@touch $@
+
+sbom: $(TOOLS) $(LOCKED) ## write build/sbom.json (CycloneDX) of what requirements.lock installs
+	.venv-tools/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible \
+	  --output-format JSON --output-file build/sbom.json build/locked/bin/python
+
 bench: $(STAMP) ## speed of an evaluation, in one process and over processes
 	$(BIN)/python -m benchmarks.evaluation
 
@@ -61,5 +84,5 @@ bench-inference: $(STAMP) ## speed of a learned policy, for one cell and for eig
 bench-loader: $(STAMP) ## speed at which training gathers its windows
 	$(BIN)/python -m benchmarks.loader
 
-clean:  ## remove the environment and results
-	rm -rf .venv .venv-robosuite runs
+clean:  ## remove the environments, what was built, and results
+	rm -rf .venv .venv-robosuite .venv-tools build runs
