@@ -60,7 +60,7 @@ lock: $(TOOLS) ## write requirements.lock: everything that runs without PyTorch,
 $(LOCKED): requirements.lock $(TOOLS)
 	$(PY) -m venv --clear --without-pip build/locked
 	.venv-tools/bin/python -m pip --python build/locked/bin/python install --quiet \
-	  --disable-pip-version-check --require-hashes -r requirements.lock
+	  --disable-pip-version-check --no-compile --require-hashes -r requirements.lock
 	@touch $@
 
 sbom: $(TOOLS) $(LOCKED) ## write build/sbom.json (CycloneDX) of what requirements.lock installs
