@@ -3,8 +3,10 @@ PY ?= python3
 BIN := .venv/bin
 RUNS := .venv/.runs
 STAMP := .venv/.installed
+TOOLS := .venv-tools/.installed
+LOCKED := build/locked/.installed
 
-.PHONY: run test test-long test-compose test-chaos check format bench bench-retarget bench-robosuite bench-inference bench-loader bench-remote bench-soak clean help
+.PHONY: run test test-long test-compose test-chaos check format lock sbom bench bench-retarget bench-robosuite bench-inference bench-loader bench-remote bench-soak clean help
 .DEFAULT_GOAL := help
 
 help:   ## list the targets
@@ -47,6 +49,27 @@ format: $(STAMP) ## rewrite the code in the house format
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
+# uv resolves for every platform and knows the hashes; cyclonedx-bom reads an environment.
+$(TOOLS):
+	$(PY) -m venv .venv-tools
+	.venv-tools/bin/python -m pip install --quiet --disable-pip-version-check cyclonedx-bom==7.5.0 uv==0.13.9
+	@touch $@
+
+lock: $(TOOLS) ## write requirements.lock: everything that runs without PyTorch, with hashes
+	.venv-tools/bin/uv pip compile --quiet --extra all --constraint constraints.txt \
+	  --universal --python-version 3.11 --generate-hashes --no-annotate \
+	  --custom-compile-command 'make lock' --output-file requirements.lock pyproject.toml
+
+$(LOCKED): requirements.lock $(TOOLS)
+	$(PY) -m venv --clear --without-pip build/locked
+	.venv-tools/bin/python -m pip --python build/locked/bin/python install --quiet \
+	  --disable-pip-version-check --no-compile --require-hashes -r requirements.lock
+	@touch $@
+
+sbom: $(TOOLS) $(LOCKED) ## write build/sbom.json (CycloneDX) of what requirements.lock installs
+	.venv-tools/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible \
+	  --output-format JSON --output-file build/sbom.json build/locked/bin/python
+
 bench: $(STAMP) ## speed of an evaluation, in one process and over processes
 	$(BIN)/python -m benchmarks.evaluation
 
@@ -70,5 +93,5 @@ bench-remote: $(STAMP) ## round trip of a remote policy beside two other policy 
 bench-soak: $(STAMP) ## an hour in real time: latency, and what grows
 	$(BIN)/python -m benchmarks.soak --minutes 60
 
-clean:  ## remove the environment and results
-	rm -rf .venv .venv-policy-servers .venv-robosuite runs
+clean:  ## remove the environments, what was built, and results
+	rm -rf .venv .venv-policy-servers .venv-robosuite .venv-tools build runs

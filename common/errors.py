@@ -3,7 +3,7 @@
 LegatoError
 ├─ ConfigError      UnknownName, InvalidValue, BadCertificate, MissingExtra, UntrainedTask,
 │                   BadKeyFile, Exposed
-├─ AccessError      KeyRefused, RoleTooLow, TooManyCalls
+├─ AccessError      KeyRefused, RoleTooLow, ForeignPage, TooManyCalls
 ├─ ContractError    SchemaMismatch, MalformedMessage, WrongShape
 ├─ ModelError       BadRobotFile, ModelMismatch, BadCalibration, FootholdOutOfReach,
 │                   UnsupportedGeom, BadMeshes, MeshesDoNotFit
@@ -196,6 +196,20 @@ class RoleTooLow(AccessError):
             f"the key {name} has the role {role}",
             expected=f"expected the role {needed}",
             action="use a key of that role",
+        )
+
+
+class ForeignPage(AccessError):
+    """A web page of elsewhere that calls without a key, by the browser of someone who may."""
+
+    code = "E-ORIGIN"
+
+    def __init__(self, origin: str) -> None:
+        self.origin = origin
+        super().__init__(
+            f"a page of {origin} made this call",
+            expected="expected a page of this machine, as there are no keys",
+            action="close that page; pages of other machines need --api-keys-file",
         )
 
 

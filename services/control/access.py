@@ -6,11 +6,13 @@ import math
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any
+from urllib.parse import urlsplit
 
 from fastapi import Request, Response
 from fastapi.routing import APIRoute
 
-from common.errors import KeyRefused, RoleTooLow, TooManyCalls
+from common.errors import ForeignPage, KeyRefused, RoleTooLow, TooManyCalls
+from common.exposure import is_loopback
 from common.keys import Role
 from services.control.keyring import KeyRing
 from services.control.rate_limit import RateLimit
@@ -20,6 +22,7 @@ _LIMITED = "x-rate-limited"
 _NOBODY = "none"
 READING = frozenset({"GET", "HEAD"})
 _SCHEME = "bearer "
+_LONGEST_ORIGIN = 200
 
 
 def needs(role: Role | None, *, limited: bool = True) -> dict[str, Any]:
@@ -66,6 +69,7 @@ class Guard:
             stated: What its route says, by `needs`.
 
         Raises:
+            ForeignPage: There are no keys, and a page of another machine calls.
             KeyRefused: No key, or one that does not count.
             RoleTooLow: The key may do less.
             TooManyCalls: The caller has made too many.
@@ -75,6 +79,7 @@ class Guard:
         role = Role(stated[_ROLE])
         address = request.client.host if request.client else "unknown"
         if self._keys is None:
+            _refuse_foreign_page(request)
             caller = Caller(address, Role.ADMIN)
         else:
             try:
@@ -104,6 +109,22 @@ class Guard:
         if entry is None:
             raise KeyRefused("the API key is not known here, or was revoked")
         return Caller(entry.name, entry.role)
+
+
+def _refuse_foreign_page(request: Request) -> None:
+    """Without keys a browser on this machine would lend its reach to every page it shows.
+
+    Programs send no `Origin`. With keys a page cannot call: browsers do not add the header.
+    """
+    origin = request.headers.get("origin")
+    if origin is None:
+        return
+    try:
+        host = urlsplit(origin).hostname or ""
+    except ValueError:
+        host = ""
+    if not is_loopback(host):
+        raise ForeignPage(origin[:_LONGEST_ORIGIN])
 
 
 class GuardedRoute(APIRoute):

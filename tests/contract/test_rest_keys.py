@@ -207,6 +207,29 @@ def test_no_page_of_another_site_may_read(app, keys):
     assert ask(app, "OPTIONS", EVALUATIONS, headers=asked).status_code == 405
 
 
+@pytest.mark.parametrize(
+    ("origin", "admitted"),
+    [
+        ("http://127.0.0.1:8000", True),
+        ("http://localhost:3000", True),
+        ("http://[::1]:8000", True),
+        ("http://elsewhere.example", False),
+        ("http://127.0.0.1.elsewhere.example", False),
+        ("http://10.0.0.7:8000", False),
+        ("null", False),
+        ("http://[", False),
+    ],
+)
+def test_without_keys_only_pages_of_this_machine_may_call(plane, origin, admitted):
+    # As a form of another page sends it, which no browser asks about first.
+    headers = {"origin": origin, "content-type": "text/plain"}
+    answer = ask(create_app(plane), "DELETE", f"{EVALUATIONS}/e-none", headers=headers)
+    if admitted:
+        problem_of(answer, 404, "E-NOT-FOUND")
+    else:
+        problem_of(answer, 403, "E-ORIGIN")
+
+
 def audited(caplog) -> list[dict]:
     lines = [JsonFormatter("control").format(record) for record in caplog.records]
     return [line for line in map(json.loads, lines) if line["event"] == "call"]
