@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import threading
 from collections.abc import Sequence
 
 from common.bus import BusSettings, open_session
 from common.errors import InvalidValue, LegatoError
 from common.log import configure_logging
-from common.process import report_failure
+from common.process import end_process, report_failure
 from common.service import install_stop_signals, run_process
 from services.router.presence import Presence
 
@@ -65,4 +64,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())
