@@ -19,25 +19,30 @@ from tests.deployments import wait_for_running_trial, wait_until_done
 
 pytestmark = [pytest.mark.processes, pytest.mark.chaos]
 
-LEFT, ROUTER, CONTROL = Cause.NODE_LEFT, Cause.ROUTER_LEFT, Cause.CONTROL_STOPPED
+LEFT, ROUTER = frozenset({Cause.NODE_LEFT}), frozenset({Cause.ROUTER_LEFT})
+STOPPED = frozenset({Cause.CONTROL_STOPPED})
+SILENT = frozenset({Cause.NODE_LEFT, Cause.NODE_TIMEOUT})
+"""Whichever comes first on a busy machine: the end of the lease, or of the cell's patience."""
+NONE = frozenset[Cause]()
 NODES = ("sim-0", "retarget-abstract", "gripper", "policy")
 
-EXPECTED: tuple[tuple[Fault, Cause | None], ...] = (
+EXPECTED: tuple[tuple[Fault, frozenset[Cause]], ...] = (
     *((Fault("kill", node), LEFT) for node in NODES),
     (Fault("kill", "router"), ROUTER),
-    (Fault("kill", "control"), CONTROL),
-    *((Fault("stop", node, 0.3), None) for node in (*NODES, "router", "control")),
-    *((Fault("stop", node, 2.0), LEFT) for node in NODES),
+    (Fault("kill", "control"), STOPPED),
+    (Fault("stop", "policy", 0.3), NONE),
+    (Fault("stop", "control", 0.3), NONE),
+    *((Fault("stop", node, 2.0), SILENT) for node in NODES),
     (Fault("stop", "router", 2.0), ROUTER),
     (Fault("stop", "control", 2.0), ROUTER),
-    *((Fault("cut", node), LEFT) for node in NODES),
+    (Fault("cut", "retarget-abstract"), LEFT),
     (Fault("cut", "control"), ROUTER),
-    *((Fault("stall", node, 2.0), LEFT) for node in NODES),
+    (Fault("stall", "policy", 2.0), SILENT),
     (Fault("stall", "control", 2.0), ROUTER),
-    *((Fault("unplug", node, 2.0), LEFT) for node in NODES),
+    (Fault("unplug", "sim-0", 2.0), LEFT),
     (Fault("unplug", "control", 2.0), ROUTER),
 )
-"""What happens, and why the attempt it hits is aborted; None: it goes on."""
+"""What happens, and the causes for which the attempt that it hits is aborted; none: it goes on."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +74,8 @@ def test_each_fault_aborts_with_its_cause_and_is_recovered_from(tmp_path, capsys
         Chronicle().kept() as chronicle,
         running_system(tmp_path, robots=("abstract",), cells=1) as system,
     ):
-        for seed, (fault, cause) in enumerate(EXPECTED):
-            costs.append(hit_one_trial(system, fault, cause, seed, chronicle))
+        for seed, (fault, causes) in enumerate(EXPECTED):
+            costs.append(hit_one_trial(system, fault, causes, seed, chronicle))
     with capsys.disabled():
         sys.stdout.write("\n".join(["", HEADING, *map(str, costs), ""]))
 
@@ -79,7 +84,7 @@ HEADING = f"{'fault':32} {'abort s':>6} {'ready s':>6} {'whole s':>6}"
 
 
 def hit_one_trial(
-    system: System, fault: Fault, cause: Cause | None, seed: int, chronicle: Chronicle
+    system: System, fault: Fault, causes: frozenset[Cause], seed: int, chronicle: Chronicle
 ) -> Cost:
     """Run one trial, let a fault happen in its first attempt, and check what comes of it."""
     request = EvaluationRequest(
@@ -98,18 +103,18 @@ def hit_one_trial(
     recovery = measure_recovery(system, since_s=over_s)
     wait_until_done(system.client, evaluation)
     (trial,) = system.client.trials(evaluation)
-    return Cost(fault, check_attempts(trial, cause, began), recovery)
+    return Cost(fault, check_attempts(trial, causes, began), recovery)
 
 
-def check_attempts(trial: Trial, cause: Cause | None, began: datetime) -> float | None:
-    """The first attempt was aborted for this cause and the second was not; give the time [s]."""
+def check_attempts(trial: Trial, causes: frozenset[Cause], began: datetime) -> float | None:
+    """The first attempt was aborted for one of the causes, the second was not; when [s]."""
     assert trial.status == "failure", trial
     assert trial.reason == "time limit of 3 s"
-    if cause is None:
+    if not causes:
         assert len(trial.attempts) == 1, trial.attempts
         return None
     first, _ = trial.attempts
     assert first.outcome == "aborted"
-    assert first.reason.startswith(f"{cause}: "), first.reason
+    assert first.reason.partition(":")[0] in causes, first.reason
     assert first.finished_at is not None
     return (first.finished_at - began).total_seconds()
