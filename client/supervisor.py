@@ -28,8 +28,7 @@ log = logging.getLogger(__name__)
 
 POLL_S = 0.05
 GRACE_S = 8.0
-"""Time between SIGTERM and SIGKILL. A simulation needs half a second of computing time to take its
-compiled code apart, which is seconds on a machine that is busy."""
+"""Time between SIGTERM and SIGKILL: a session may take 2 s to close, and machines are busy."""
 
 
 class Supervisor:

@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from common.bus import BusSettings, Credentials
 from common.errors import InvalidValue, LegatoError
@@ -110,6 +110,22 @@ def report_failure(error: LegatoError) -> int:
     log.error("stopped by an error", extra=error.describe())
     sys.stderr.write(f"{error.code} {error}\n")
     return 1
+
+
+def end_process(code: int) -> NoReturn:
+    """End this process now, with everything closed and written.
+
+    Taking the interpreter apart frees what the system takes back anyway, for up to half a second
+    of computing time (compiled kernels, a web application), which on a busy machine is longer than
+    a supervisor waits. It also waits for whatever a session behind a stalled link left running.
+
+    Args:
+        code: Exit code.
+    """
+    logging.shutdown()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def run_service(

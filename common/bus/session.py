@@ -25,6 +25,8 @@ Profile = Literal["client", "router", "in_process"]
 
 _ATTEMPT_S = 1.0
 _ENCRYPTED = re.compile(r"tls/.+:\d+")
+CLOSE_S = 2.0
+"""Longer than the lease of 1 s, after which a link that stalls is gone anyway."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +141,14 @@ def open_session(
     try:
         yield session
     finally:
-        session.close()
+        _close(session)
+
+
+def _close(session: zenoh.Session) -> None:
+    """Close a session, but do not wait for a link that stalls: Zenoh would for 10 s."""
+    closing = threading.Thread(target=session.close, name="close")
+    closing.start()
+    closing.join(CLOSE_S)
 
 
 def _open(settings: BusSettings, stop: threading.Event | None, wait_s: float) -> zenoh.Session:

@@ -7,7 +7,6 @@ import errno
 import logging
 import os
 import socket
-import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +16,7 @@ import uvicorn
 from common.errors import Exposed, InvalidValue, LegatoError, PortInUse
 from common.exposure import is_loopback
 from common.log import configure_logging
-from common.process import add_bus_options, report_failure
+from common.process import add_bus_options, end_process, report_failure
 from common.service import install_stop_signals
 from services.control.app import create_app
 from services.control.catalog import load_catalog
@@ -153,4 +152,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
-from common.process import add_bus_options, run_service
+from common.process import add_bus_options, end_process, run_service
 from services.gripper.reactor import GripperReactor
 
 
@@ -18,4 +17,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())

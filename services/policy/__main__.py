@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from common.errors import InvalidValue
-from common.process import add_bus_options, run_service
+from common.process import add_bus_options, end_process, run_service
 from services.policy.reactor import PolicyReactor
 from services.policy.serving.library import (
     Library,
@@ -70,4 +69,4 @@ def make_reactor(args: argparse.Namespace) -> PolicyReactor:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Sequence
 
 from common.errors import MissingExtra
-from common.process import add_bus_options, run_service
+from common.process import add_bus_options, end_process, run_service
 from common.robots import list_robots
 from common.service import Reactor
 
@@ -39,4 +38,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import threading
 from collections.abc import Sequence
 
@@ -14,6 +13,7 @@ from common.log import configure_logging
 from common.process import (
     add_certs_option,
     add_metrics_options,
+    end_process,
     load_credentials,
     metrics_settings,
     report_failure,
@@ -91,4 +91,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())

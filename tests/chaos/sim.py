@@ -6,8 +6,7 @@ as a failure, after seconds. The other tasks keep their limits.
 
 from __future__ import annotations
 
-import sys
-
+from common.process import end_process
 from common.tasks import TASKS
 from common.tasks.cup import CupTask
 from services.sim.__main__ import main
@@ -16,4 +15,4 @@ SHORT = CupTask(time_limit_s=3.0)
 
 if __name__ == "__main__":
     TASKS[SHORT.name] = SHORT
-    sys.exit(main())
+    end_process(main())

@@ -12,7 +12,7 @@ from client.api import LegatoClient
 from client.deployment import HOST, Deployment, ProcessSpec, is_port_free
 from client.readiness import wait_until_ready
 from client.supervisor import Supervisor
-from tests.chaos.proxy import Cable
+from tests.chaos.cable import Cable
 
 
 class CabledDeployment(Deployment):

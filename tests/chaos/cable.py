@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import threading
+from typing import Self
 
 from client.deployment import HOST
 
@@ -56,6 +57,12 @@ class Cable:
     def plug_in(self) -> None:
         """Let connections through again."""
         self._unplugged = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Take it away."""
