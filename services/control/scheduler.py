@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from common.errors import NotReady
+from common.errors import EmergencyStopped, NotReady
 from common.messages import (
     AskDescription,
     EpisodePicture,
@@ -23,6 +23,9 @@ from common.messages import (
     PolicyLoad,
     PolicyLoaded,
     Problem,
+    SafetyReset,
+    SafetyState,
+    SafetyStop,
     Tick,
 )
 from common.service import AnyMessage, Reactor
@@ -31,11 +34,14 @@ from services.control.events import (
     AttemptEnded,
     AttemptStarted,
     CancelEvaluation,
+    CellsChanged,
     EvaluationEnded,
     LoadPolicy,
     NodesChanged,
     PictureArrived,
     PolicyLoadEnded,
+    ResetCells,
+    StopCells,
     SubmitEvaluation,
     TrialEnded,
     TrialSpec,
@@ -45,6 +51,7 @@ from services.control.lane import EvaluationRun
 from services.control.losses import LossWindow
 from services.control.nodes import Need, NodeRegistry
 from services.control.reloads import Reloads
+from services.control.safety_board import SafetyBoard
 
 MAX_ATTEMPTS = 2
 READY_TIMEOUT_S = 20.0
@@ -78,6 +85,7 @@ class Scheduler(Reactor):
 
     kind = "control"
     inputs = (
+        SafetyState,
         EpisodeReady,
         EpisodeResult,
         EpisodePicture,
@@ -100,6 +108,7 @@ class Scheduler(Reactor):
         self._registry = NodeRegistry()
         self._reloads = Reloads()
         self._losses = LossWindow()
+        self._safety = SafetyBoard()
         self._runs: dict[str, EvaluationRun] = {}
         self._attempts: dict[str, Attempt] = {}
         self._now_ns: int | None = None
@@ -124,6 +133,8 @@ class Scheduler(Reactor):
         if self._nodes_changed:
             self._nodes_changed = False
             self._to_edge.append(NodesChanged(self._registry.infos()))
+            self._tell_cells()
+        self._to_bus[:0] = self._safety.take_due(self._now_ns or 0)
         outputs = [*self._to_bus, *self._to_edge]
         self._to_bus.clear()
         self._to_edge.clear()
@@ -144,6 +155,13 @@ class Scheduler(Reactor):
                 self._finish_if_empty(run)
             case CancelEvaluation():
                 self._cancel(message.evaluation)
+            case SafetyState():
+                self._take_safety(message)
+            case StopCells():
+                self._stop_cells(message)
+            case ResetCells():
+                for cell in message.cells:
+                    self._safety.order(SafetyReset(header=Header(cell=cell), by=message.by))
             case LoadPolicy():
                 self._load(message)
             case PolicyLoaded():
@@ -163,6 +181,8 @@ class Scheduler(Reactor):
                 for request in unanswered:
                     self._refuse_load(request, message.node)
                 self._lose(message.kind, message.node)
+                if message.kind == "sim":
+                    self._safety.lose(message.node)
             case NodeDescription():
                 self._registry.describe(message)
                 self._load_again(message.node)
@@ -209,7 +229,7 @@ class Scheduler(Reactor):
             self._abort(attempt, f"{silent} did not get ready within {self._ready_timeout_s:.0f} s")
 
     def _check_missing(self, run: EvaluationRun, now_ns: int) -> None:
-        if run.look(self._registry, now_ns):
+        if run.look(self._registry, now_ns, unreset=self._list_unreset()):
             self._to_edge.append(WaitingChanged(run.id, run.waiting))
         for trial, missing in run.take_overdue(self._rejoin_s, now_ns):
             names = ", ".join(missing)
@@ -220,7 +240,7 @@ class Scheduler(Reactor):
         """Give every idle cell the first trial that can run now."""
         load = Counter(node for a in self._attempts.values() for node in a.nodes.values())
         for sim in self._registry.ready(Need("sim")):
-            if sim.node in self._attempts:
+            if sim.node in self._attempts or self._safety.is_stopped(sim.node):
                 continue
             for run in self._runs.values():
                 taken = run.take_next(self._registry, load, now_ns)
@@ -275,6 +295,37 @@ class Scheduler(Reactor):
             run = self._runs[attempt.trial.evaluation]
             self._to_edge.append(TrialEnded(attempt.trial, result.outcome, result.reason, result))
             self._finish_if_empty(run)
+
+    def _stop_cells(self, order: StopCells) -> None:
+        for cell in order.cells:
+            header = Header(cell=cell)
+            self._safety.order(SafetyStop(header=header, by=order.by, reason=order.reason))
+            self._end_stopped(cell, EmergencyStopped(cell, order.by, order.reason).describe())
+
+    def _take_safety(self, state: SafetyState) -> None:
+        """A guard speaks; whoever else pressed the button, the trial there is over."""
+        cell = state.header.cell
+        self._safety.hear(state)
+        if state.emergency_stop and state.fault is not None:
+            self._end_stopped(cell, state.fault.model_dump())
+        self._tell_cells()
+
+    def _end_stopped(self, cell: str, fault: Mapping[str, str]) -> None:
+        """End the trial of a cell for good: who stopped it does not want to see it again."""
+        attempt = self._attempts.pop(cell, None)
+        if attempt is not None:
+            reason = f"{fault['happened']} ({fault['code']})"
+            self._to_bus.append(attempt.abort(reason))
+            self._end(self._runs[attempt.trial.evaluation], attempt.trial, reason)
+
+    def _list_unreset(self) -> tuple[str, ...]:
+        """What trials wait for when every cell that could take them is stopped."""
+        cells = [node.node for node in self._registry.ready(Need("sim"))]
+        stopped = [cell for cell in cells if self._safety.is_stopped(cell)]
+        return tuple(f"reset of {cell}" for cell in stopped) if stopped == cells else ()
+
+    def _tell_cells(self) -> None:
+        self._to_edge.append(CellsChanged(self._safety.infos(self._registry)))
 
     def _load(self, order: LoadPolicy) -> None:
         """Pass an order on to its policy service; trials for it wait until it has answered."""
