@@ -132,8 +132,8 @@ class Scheduler(Reactor):
             self._hand_out(self._now_ns)
         if self._nodes_changed:
             self._nodes_changed = False
-            self._to_edge.append(NodesChanged(self._registry.infos()))
             self._tell_cells()
+            self._to_edge.append(NodesChanged(self._registry.infos()))
         self._to_bus[:0] = self._safety.take_due(self._now_ns or 0)
         outputs = [*self._to_bus, *self._to_edge]
         self._to_bus.clear()
