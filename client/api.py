@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -16,14 +16,17 @@ from client.errors import ControlUnreachable, NotLegato, RestError
 from client.sse import parse_events
 from common.api import (
     PREFIX,
+    CellInfo,
     Evaluation,
     EvaluationRequest,
     PolicyInfo,
     PolicyLoadRequest,
     ProblemDetails,
     ProgressEvent,
+    ResetRequest,
     RobotInfo,
     ServiceInfo,
+    StopRequest,
     TaskInfo,
     Trial,
 )
@@ -140,6 +143,30 @@ class LegatoClient:
     def services(self) -> list[ServiceInfo]:
         """Nodes on the bus."""
         return self._call("GET", "/services", list[ServiceInfo])
+
+    def cells(self) -> list[CellInfo]:
+        """The cells and what their guards say."""
+        return self._call("GET", "/cells", list[CellInfo])
+
+    def stop(self, cells: Sequence[str] | None = None, *, reason: str = "") -> list[CellInfo]:
+        """Emergency stop; back when the guards have said that it is latched.
+
+        Args:
+            cells: Names; without it all.
+            reason: Shown with the trials that end by it.
+        """
+        named = None if cells is None else list(cells)
+        body = StopRequest(cells=named, reason=reason).model_dump(mode="json")
+        return self._call("POST", "/stop", list[CellInfo], json=body)
+
+    def reset(self, cells: Sequence[str] | None = None) -> list[CellInfo]:
+        """Release what is latched in cells whose robots are at rest.
+
+        Args:
+            cells: Names; without it all.
+        """
+        body = ResetRequest(cells=None if cells is None else list(cells)).model_dump(mode="json")
+        return self._call("POST", "/reset", list[CellInfo], json=body)
 
     def ready(self) -> bool:
         """Whether the control plane can take an evaluation now; False also when nothing answers."""

@@ -159,6 +159,35 @@ class Status(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Stop(Command):
+    """Emergency stop: robots brake and hold their pose until `legato reset`.
+
+    Software: it needs a running control plane and bus, and replaces no safety-rated stop.
+    """
+
+    cell: Repeated = ()
+    """Cell to stop; give it again for more (default: all)."""
+    reason: str = ""
+    """Why, for the trials that end by it."""
+    url: str = "http://127.0.0.1:8000"
+    """Where the control plane answers."""
+    json: bool = False
+    """Print one JSON object."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reset(Command):
+    """Release emergency stops and faults of cells whose robots are at rest."""
+
+    cell: Repeated = ()
+    """Cell to release; give it again for more (default: all)."""
+    url: str = "http://127.0.0.1:8000"
+    """Where the control plane answers."""
+    json: bool = False
+    """Print one JSON object."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Eval(Command):
     """Evaluate policies: every task on every robot with every policy, on equal seeds."""
 

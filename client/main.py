@@ -32,6 +32,8 @@ VERBS: dict[tuple[str, ...], tuple[type[commands.Command], str]] = {
     ("up",): (commands.Up, "deploy:up"),
     ("down",): (commands.Down, "deploy:down"),
     ("status",): (commands.Status, "deploy:status"),
+    ("stop",): (commands.Stop, "safety:stop"),
+    ("reset",): (commands.Reset, "safety:reset"),
     ("eval",): (commands.Eval, "evaluate:run"),
     ("eval", "merge"): (commands.EvalMerge, "shards:merge"),
     ("report",): (commands.Report, "evaluate:write"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from client.record import as_factor, count_stages, describe_success, in_mm
-from common.api import Evaluation, ServiceInfo
+from common.api import CellInfo, Evaluation, ServiceInfo
 from common.messages import STAGES
 
 
@@ -35,6 +35,21 @@ def format_results(evaluation: Evaluation) -> str:
                 as_factor(cell.real_time_factor),
             )
             for cell in evaluation.cells
+        ],
+    )
+
+
+def format_cells(cells: Sequence[CellInfo]) -> str:
+    """One row per cell."""
+    return format_table(
+        ("cell", "alive", "robot", "emergency stop", "fault"),
+        [
+            (
+                *(cell.cell, "yes" if cell.alive else "NO", cell.status or "unknown"),
+                "YES" if cell.emergency_stop else "no",
+                f"{cell.fault.happened} ({cell.fault.code})" if cell.fault else "-",
+            )
+            for cell in cells
         ],
     )
 

@@ -18,6 +18,10 @@ class Cause(StrEnum):
     """A participant said why it cannot go on, or sent what cannot be used."""
     NODE_MISSING = "node_missing"
     """There was nobody to run it with, for too long."""
+    ROBOT_FAULT = "robot_fault"
+    """The guard at the robot's side latched a fault."""
+    EMERGENCY_STOP = "emergency_stop"
+    """Somebody stopped the cell."""
     CONTROL_STOPPED = "control_stopped"
     """The control plane ended during the attempt, and has started again."""
 

@@ -8,9 +8,18 @@ from typing import Annotated, Any, Literal, Self
 from annotated_types import Ge, Le, Len
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, model_validator
 
-from common.messages import CheckpointDescription, Mode, StagesReached, TrialResult
+from common.messages import (
+    CheckpointDescription,
+    Mode,
+    Problem,
+    SafetyCounts,
+    SafetyStatus,
+    StagesReached,
+    TrialResult,
+)
 from common.messages.base import Name
 from common.messages.checkpoint import FolderPath
+from common.messages.safety import StopReason
 
 PREFIX = "/api/v1"
 
@@ -248,6 +257,43 @@ class ServiceInfo(BaseModel):
         default_factory=dict[str, CheckpointDescription]
     )
     metrics: dict[str, float]
+
+
+class CellInfo(BaseModel):
+    """A cell and what its guard says (docs/safety.md)."""
+
+    model_config = _CONFIG
+
+    cell: str
+    alive: bool
+    """Its owner is on the bus."""
+    status: SafetyStatus | None
+    """What its robot does; null when nothing was heard since its owner came."""
+    fault: Problem | None
+    """Why it may not move."""
+    emergency_stop: bool
+    counts: SafetyCounts | None
+    """What the guard kept from the robot."""
+
+
+class StopRequest(BaseModel):
+    """Emergency stop of cells."""
+
+    model_config = _CONFIG
+
+    cells: Names | None = None
+    """Without it all."""
+    reason: StopReason = ""
+    """Shown with the aborted trials."""
+
+
+class ResetRequest(BaseModel):
+    """Release of what is latched in cells."""
+
+    model_config = _CONFIG
+
+    cells: Names | None = None
+    """Without it all."""
 
 
 class ProblemDetails(BaseModel):

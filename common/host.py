@@ -190,7 +190,7 @@ class Host:
         message = item.message if isinstance(item, Handed) else self._decode(item)
         if message is None:
             return None
-        if of_cell and not self._is_current(message):
+        if topic.is_fenced and not self._is_current(message):
             self._tally.stale[topic.name] += 1
             return None
         self._tally.received[topic.name] += 1

@@ -45,9 +45,17 @@ class Topic:
         """Whether it starts, ends or reports episodes: every node hears these of every cell."""
         return self.name.startswith("episode/")
 
+    @cached_property
+    def is_fenced(self) -> bool:
+        """Whether only messages of the cell's current epoch count; a stop always does."""
+        return self.scope == "cell" and not self.name.startswith("safety/")
+
 
 TOPICS: tuple[Topic, ...] = (
-    # Episode control comes first: receivers drain topics in the order of this table.
+    # Receivers drain topics in the order of this table: safety first, then episode control.
+    Topic("safety/stop", m.SafetyStop, "cell", 0, 8, "real_time", True),
+    Topic("safety/reset", m.SafetyReset, "cell", 0, 8, "interactive_high", True),
+    Topic("safety/state", m.SafetyState, "cell", 1, 1, "real_time", True),
     Topic("episode/abort", m.EpisodeAbort, "cell", 0, 8, "interactive_high", True),
     Topic("episode/configure", m.EpisodeConfigure, "cell", 0, 8, "interactive_high", True),
     Topic("episode/ready", m.EpisodeReady, "cell", 0, 64, "interactive_high", True),

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 
 from common.api import (
     Attempt,
+    CellInfo,
     CellSummary,
     Evaluation,
     EvaluationRequest,
@@ -13,7 +14,15 @@ from common.api import (
     StageCounts,
     Trial,
 )
-from common.messages import Distribution, StagesReached, TrialResult, WallTimes
+from common.errors import EmergencyStopped
+from common.messages import (
+    Distribution,
+    Problem,
+    SafetyCounts,
+    StagesReached,
+    TrialResult,
+    WallTimes,
+)
 
 WHEN = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 SHA = "ab" * 32
@@ -148,4 +157,16 @@ def make_service(kind: str, node: str, *, alive=True) -> ServiceInfo:
         pid=42,
         offers={"robots": ["panda"]} if kind == "retarget" else {},
         metrics={"handled": 12.0},
+    )
+
+
+def make_cell_info(cell: str = "sim-0", *, stopped: bool = False) -> CellInfo:
+    fault = EmergencyStopped(cell, "rest", "too near")
+    return CellInfo(
+        cell=cell,
+        alive=True,
+        status="stopped",
+        fault=Problem(**fault.describe()) if stopped else None,
+        emergency_stop=stopped,
+        counts=SafetyCounts(),
     )

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 from common.api import TaskInfo
 from common.bus import Bus, BusSettings, open_session
+from common.errors import EmergencyStopped
 from common.messages import (
     CheckpointDescription,
     Distribution,
@@ -22,6 +23,9 @@ from common.messages import (
     PolicyLoad,
     PolicyLoaded,
     Problem,
+    SafetyReset,
+    SafetyState,
+    SafetyStop,
     StagesReached,
     TrialResult,
     WallTimes,
@@ -83,6 +87,20 @@ def make_checkpoint(folder: str) -> CheckpointDescription:
         runtime="none",
         device="cpu",
         decoding="most-likely",
+    )
+
+
+def make_safety_state(cell: str, stopped_by: SafetyStop | None = None) -> SafetyState:
+    """What a guard says at rest, perhaps under an emergency stop."""
+    problem = None
+    if stopped_by is not None:
+        error = EmergencyStopped(cell, stopped_by.by, stopped_by.reason)
+        problem = Problem(**error.describe())
+    return SafetyState(
+        header=Header(cell=cell),
+        status="stopped",
+        fault=problem,
+        emergency_stop=stopped_by is not None,
     )
 
 
@@ -159,6 +177,7 @@ class FakeSim(FakeNode):
     """Ends an episode at its next tick; while `hold` is set it keeps it running."""
 
     kind = "sim"
+    inputs = (SafetyStop, SafetyReset, *FakeNode.inputs)
     packages = ("numpy",)
 
     def __init__(self, node: str) -> None:
@@ -170,6 +189,9 @@ class FakeSim(FakeNode):
             seed=configure.seed
         )
         self._running: EpisodeConfigure | None = None
+        self.deaf = threading.Event()
+        """Hears no stop and no reset."""
+        self.stopped_by: SafetyStop | None = None
 
     @property
     def owned_cell(self) -> str:
@@ -181,7 +203,10 @@ class FakeSim(FakeNode):
 
     def handle(self, messages: Sequence[AnyMessage]) -> Iterable[AnyMessage]:
         for message in messages:
-            if isinstance(message, EpisodeConfigure):
+            if isinstance(message, SafetyStop | SafetyReset) and not self.deaf.is_set():
+                self.stopped_by = message if isinstance(message, SafetyStop) else None
+                yield make_safety_state(self.node, self.stopped_by)
+            elif isinstance(message, EpisodeConfigure):
                 self.configured.append(message)
                 yield from super().handle([message])
             elif isinstance(message, EpisodeStart):

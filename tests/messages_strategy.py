@@ -192,6 +192,23 @@ STRATEGIES: dict[type[m.Message], st.SearchStrategy[m.Message]] = {
         objects=st.dictionaries(st.text(max_size=8), pose, max_size=3),
         opening_m=finite,
     ),
+    m.SafetyStop: st.builds(m.SafetyStop, header=header, by=name, reason=st.text(max_size=200)),
+    m.SafetyReset: st.builds(m.SafetyReset, header=header, by=name),
+    m.SafetyState: st.builds(
+        m.SafetyState,
+        header=header,
+        status=st.sampled_from(["stopped", "running", "stopping"]),
+        fault=st.none() | problem,
+        emergency_stop=st.booleans(),
+        counts=st.builds(
+            m.SafetyCounts,
+            foreign_messages=step,
+            coasted_ticks=step,
+            position_clamps=step,
+            velocity_clamps=step,
+            acceleration_clamps=step,
+        ),
+    ),
     m.EpisodeConfigure: st.builds(
         m.EpisodeConfigure,
         header=header,

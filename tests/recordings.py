@@ -57,7 +57,12 @@ def run_episode(task: str, *, seed: int = 0) -> list[Message]:
             for reactor in reactors:
                 if isinstance(message, reactor.inputs):
                     answers = reactor.handle([message])
-                    waiting.extend(each for each in answers if isinstance(each, Message))
+                    waiting.extend(
+                        # As a runner does: the cell takes answers of its own nodes only.
+                        each.stamped(source=CELL, seq=1, t_mono_ns=0)
+                        for each in answers
+                        if isinstance(each, Message)
+                    )
     return seen
 
 

@@ -76,7 +76,12 @@ def _exchange(robot: str, seed: int) -> Iterator[Message]:
             for reactor in reactors:
                 if isinstance(message, reactor.inputs):
                     answers = reactor.handle([message])
-                    waiting.extend(each for each in answers if isinstance(each, Message))
+                    waiting.extend(
+                        # As a runner does: the cell takes answers of its own nodes only.
+                        each.stamped(source=CELL, seq=1, t_mono_ns=0)
+                        for each in answers
+                        if isinstance(each, Message)
+                    )
 
 
 def hold(robot: str, steps: Sequence[ActionStep], *, ticks: int) -> Iterator[World]:

@@ -21,7 +21,7 @@ from client.interrupts import stop_on_signals
 from client.processes import read_last_line, spawn
 from client.readiness import wait_until_ready
 from client.supervisor import SupervisorState, open_deployment, read_state
-from client.tables import format_services
+from client.tables import format_cells, format_services
 from common.errors import AlreadyRunning, InvalidValue, NodeTimeout, NotWritable
 
 STOP_DEADLINE_S = 15.0
@@ -52,12 +52,17 @@ def down(command: Down) -> int:
 def status(command: Status) -> int:
     """Show the services of a control plane."""
     with LegatoClient(command.url) as client:
-        services, ready = client.services(), client.ready()
+        services, cells, ready = client.services(), client.cells(), client.ready()
     if command.json:
-        shown = {"ready": ready, "services": [each.model_dump(mode="json") for each in services]}
+        shown = {
+            "ready": ready,
+            "services": [each.model_dump(mode="json") for each in services],
+            "cells": [each.model_dump(mode="json") for each in cells],
+        }
         sys.stdout.write(json.dumps(shown) + "\n")
     else:
-        sys.stdout.write(f"{format_services(services)}\n{'ready' if ready else 'NOT READY'}\n")
+        tables = f"{format_services(services)}\n\n{format_cells(cells)}"
+        sys.stdout.write(f"{tables}\n{'ready' if ready else 'NOT READY'}\n")
     return 0
 
 

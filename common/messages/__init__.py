@@ -26,6 +26,13 @@ from common.messages.local import AskDescription, LocalMessage, NodeDown, NodeUp
 from common.messages.node import NodeDescription, NodeMetrics
 from common.messages.policy import ActionStep, GroundTruth, Motion, PolicyAction
 from common.messages.robot import RetargetStatus, RobotCommand, RobotState
+from common.messages.safety import (
+    SafetyCounts,
+    SafetyReset,
+    SafetyState,
+    SafetyStatus,
+    SafetyStop,
+)
 
 ALL: tuple[type[Message], ...] = (
     RobotState,
@@ -37,6 +44,9 @@ ALL: tuple[type[Message], ...] = (
     StereoFrame,
     PolicyAction,
     GroundTruth,
+    SafetyStop,
+    SafetyReset,
+    SafetyState,
     EpisodeConfigure,
     EpisodeReady,
     EpisodeStart,
@@ -73,6 +83,11 @@ __all__ = [
     "ActionStep",
     "PolicyAction",
     "GroundTruth",
+    "SafetyStatus",
+    "SafetyCounts",
+    "SafetyStop",
+    "SafetyReset",
+    "SafetyState",
     "Problem",
     "Outcome",
     "Distribution",

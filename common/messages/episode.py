@@ -171,7 +171,7 @@ class TrialResult(BaseModel):
     inference_s: Distribution
     wall_times: WallTimes
     held_ticks: Natural
-    """Real time: ticks without a command young enough."""
+    """Real time: ticks before the first joint command, in which the robot held its pose."""
     missed_frames: Natural
     """Real time: frames whose action had not arrived when the next one was due."""
     resends: Natural

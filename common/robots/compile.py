@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from xml.etree import ElementTree
 
@@ -47,6 +48,25 @@ def find_positions(spec: RobotSpec, mj: mujoco.MjModel) -> list[int]:
     if spec.kind == "free_hand":
         return list(range(spec.nq))
     return [int(mj.joint(joint.name).qposadr[0]) for joint in spec.joints]
+
+
+def read_ranges(
+    spec: RobotSpec, mj: mujoco.MjModel, *, prefix: str = ""
+) -> list[tuple[float, float]]:
+    """Lower and upper end of every joint's range [rad, m], infinite where it has none.
+
+    Args:
+        spec: The robot.
+        mj: A compiled model with it.
+        prefix: Of the robot's names in the model.
+    """
+    joints = [mj.joint(prefix + joint.name) for joint in spec.joints]
+    return [
+        (float(joint.range[0]), float(joint.range[1]))
+        if mj.jnt_limited[joint.id]
+        else (-math.inf, math.inf)
+        for joint in joints
+    ]
 
 
 def compute_tool_pose(spec: RobotSpec, mj: mujoco.MjModel, positions: list[float]) -> Array:

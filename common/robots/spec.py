@@ -27,6 +27,8 @@ class JointSpec(BaseModel):
     """[rad/s, m/s]"""
     acceleration_limit: Positive
     """[rad/s2, m/s2]"""
+    stop_acceleration: Positive | None = None
+    """How hard a stop brakes it, if not as `acceleration_limit` says [rad/s2, m/s2]."""
     torque_limit: Positive
     """[N m, N]"""
     kp: Positive
@@ -111,6 +113,14 @@ class HandServo(BaseModel):
     kp_nm_per_rad: Positive
     kd_nm_s_per_rad: Annotated[float, Ge(0)]
     torque_limit_nm: Positive
+    speed_limit_m_s: Positive
+    turn_limit_rad_s: Positive
+    acceleration_limit_m_s2: Positive
+    """Of its set-point, which waypoints move by leaps; the force limit bounds the hand's own."""
+    acceleration_limit_rad_s2: Positive
+    stop_acceleration_m_s2: Positive
+    """How hard a stop brakes it."""
+    stop_acceleration_rad_s2: Positive
 
 
 class RetargetSpec(BaseModel):

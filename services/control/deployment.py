@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from common.api import PolicyInfo, ServiceInfo
 from common.messages import CheckpointDescription
+from services.control.cells import CellStates
 from services.control.loads import LoadWaiters
 
 
@@ -16,6 +17,7 @@ class Deployment:
         self.nodes: tuple[ServiceInfo, ...] = ()
         self.waiting: dict[str, tuple[str, ...]] = {}
         self.loads = LoadWaiters()
+        self.cells = CellStates()
 
     def set_waiting(self, evaluation: str, names: Sequence[str]) -> None:
         """Note what an evaluation waits for; nothing ends the note."""

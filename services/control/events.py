@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from common.api import EvaluationRequest, ServiceInfo
+from common.api import CellInfo, EvaluationRequest, ServiceInfo
 from common.messages import EpisodePicture, LocalMessage, Problem, TrialResult
 
 
@@ -48,6 +48,36 @@ class CancelEvaluation(LocalMessage):
     """Stop an evaluation; what has ended stays."""
 
     evaluation: str
+
+
+@dataclass(frozen=True)
+class StopCells(LocalMessage):
+    """Stop the robots of these cells and end what runs there.
+
+    Args:
+        cells: Names.
+        by: Who stops them.
+        reason: Why.
+    """
+
+    cells: tuple[str, ...]
+    by: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class ResetCells(LocalMessage):
+    """Release what is latched in these cells."""
+
+    cells: tuple[str, ...]
+    by: str
+
+
+@dataclass(frozen=True)
+class CellsChanged(LocalMessage):
+    """The cells and their safety, as they are now."""
+
+    cells: tuple[CellInfo, ...]
 
 
 @dataclass(frozen=True)

@@ -91,13 +91,19 @@ class EvaluationRun:
         """How many trials wait."""
         return sum(len(lane.pending) for lane in self._lanes.values())
 
-    def look(self, registry: NodeRegistry, now_ns: int) -> bool:
-        """Note who is missing; tell whether that changed."""
+    def look(self, registry: NodeRegistry, now_ns: int, *, unreset: tuple[str, ...] = ()) -> bool:
+        """Note who is missing; tell whether that changed.
+
+        Args:
+            registry: Who is there.
+            now_ns: Monotonic time.
+            unreset: What its trials wait for besides: cells that are stopped.
+        """
         before = self.waiting
         for lane in self._lanes.values():
             lane.look(registry, now_ns)
-        named = (name for lane in self._lanes.values() for name in lane.missing)
-        self.waiting = tuple(dict.fromkeys(named))
+        named = [name for lane in self._lanes.values() for name in lane.missing]
+        self.waiting = tuple(dict.fromkeys([*named, *(unreset if self.has_pending else ())]))
         return self.waiting != before
 
     def take_next(

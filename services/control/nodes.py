@@ -210,6 +210,10 @@ class NodeRegistry:
                     found.setdefault(name, set()).add(version)
         return {name: ", ".join(sorted(versions)) for name, versions in sorted(found.items())}
 
+    def cells(self) -> dict[str, bool]:
+        """Every known cell, which is named as its owner, and whether the owner is there."""
+        return {node.node: node.alive for node in self._nodes.values() if node.kind == "sim"}
+
     def infos(self) -> tuple[ServiceInfo, ...]:
         """Every known node, by kind and name."""
         return tuple(self._nodes[key].info() for key in sorted(self._nodes))

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import Depends, Request
 
 from common.api import (
+    CellInfo,
     Evaluation,
     EvaluationRequest,
     PolicyInfo,
     PolicyLoadRequest,
     ProgressEvent,
+    ResetRequest,
+    StopRequest,
 )
 from common.errors import ConfigError, NotReady, UnknownName, UntrainedTask
 from common.messages import LocalMessage
 from services.control.catalog import Catalog
 from services.control.deployment import Deployment
-from services.control.events import CancelEvaluation
+from services.control.events import CancelEvaluation, ResetCells, StopCells
 from services.control.queries import Queries
 from services.control.store import Store
 from services.control.subscriptions import Subscriptions
@@ -118,6 +121,45 @@ class ControlPlane:
             self.send(order)
         self.deployment.loads.wait(orders)
         return next(info for info in self.deployment.policies() if info.name == name)
+
+    def stop_cells(self, request: StopRequest) -> list[CellInfo]:
+        """Stop cells, and wait until their guards have said so.
+
+        Raises:
+            NotReady: There is no cell.
+            UnknownName: There is no such cell.
+            NodeTimeout: A guard has not; the stop is sent on until it has.
+        """
+        cells = self._find_cells(request.cells)
+        self.send(StopCells(cells, "rest", request.reason))
+        return self.deployment.cells.wait(
+            cells, lambda info: info.emergency_stop, what="confirmation of the emergency stop"
+        )
+
+    def reset_cells(self, request: ResetRequest) -> list[CellInfo]:
+        """Release what is latched in cells, and wait until their guards have.
+
+        Raises:
+            NotReady: There is no cell.
+            UnknownName: There is no such cell.
+            NodeTimeout: A guard has not, because its robot is not at rest say.
+        """
+        cells = self._find_cells(request.cells)
+        self.send(ResetCells(cells, "rest"))
+        return self.deployment.cells.wait(
+            cells,
+            lambda info: info.status is not None and info.fault is None,
+            what="confirmation of the reset",
+        )
+
+    def _find_cells(self, names: Sequence[str] | None) -> tuple[str, ...]:
+        known = [info.cell for info in self.deployment.cells.infos]
+        if not known:
+            raise NotReady("a sim service", self.deployment.running)
+        for name in names or ():
+            if name not in known:
+                raise UnknownName("cell", name, known)
+        return tuple(known if names is None else names)
 
     def _check_names(self, request: EvaluationRequest) -> None:
         errors = list(self._unknown_names(request))

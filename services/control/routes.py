@@ -10,12 +10,15 @@ from fastapi.responses import StreamingResponse
 
 from common.api import (
     PREFIX,
+    CellInfo,
     Evaluation,
     EvaluationRequest,
     PolicyInfo,
     PolicyLoadRequest,
+    ResetRequest,
     RobotInfo,
     ServiceInfo,
+    StopRequest,
     TaskInfo,
     Trial,
 )
@@ -130,6 +133,24 @@ def get_policies(plane: Plane) -> list[PolicyInfo]:
 def put_policy(name: Name, request: PolicyLoadRequest, plane: Plane) -> PolicyInfo:
     """Load a checkpoint under a name, or another one in its place; running episodes keep theirs."""
     return plane.load_policy(name, request)
+
+
+@api.get("/cells", openapi_extra=VIEW)
+def get_cells(plane: Plane) -> list[CellInfo]:
+    """The cells and what their guards say."""
+    return list(plane.deployment.cells.infos)
+
+
+@api.post("/stop", openapi_extra=OPERATE)
+def post_stop(request: StopRequest, plane: Plane) -> list[CellInfo]:
+    """Emergency stop: the cells' robots brake and hold until they are reset."""
+    return plane.stop_cells(request)
+
+
+@api.post("/reset", openapi_extra=OPERATE)
+def post_reset(request: ResetRequest, plane: Plane) -> list[CellInfo]:
+    """Release what is latched in cells whose robots are at rest."""
+    return plane.reset_cells(request)
 
 
 @api.get("/services", openapi_extra=VIEW)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from common.aborts import Cause, write_reason
+from common.errors import EmergencyStopped
 from common.messages import (
     AskDescription,
     EpisodePicture,
     EpisodeReady,
     EpisodeResult,
+    Header,
     LocalMessage,
     Message,
     NodeDescription,
@@ -20,6 +22,9 @@ from common.messages import (
     NodeMetrics,
     NodeUp,
     PolicyLoaded,
+    SafetyReset,
+    SafetyState,
+    SafetyStop,
     Tick,
 )
 from common.metrics import Sample
@@ -29,10 +34,13 @@ from services.control.events import (
     AttemptEnded,
     AttemptStarted,
     CancelEvaluation,
+    CellsChanged,
     EvaluationEnded,
     LoadPolicy,
     NodesChanged,
     PictureArrived,
+    ResetCells,
+    StopCells,
     SubmitEvaluation,
     TrialEnded,
     TrialSpec,
@@ -43,6 +51,7 @@ from services.control.loading import PolicyLoading
 from services.control.losses import LossWindow
 from services.control.measured import Measured
 from services.control.nodes import Need, NodeRegistry
+from services.control.safety_board import SafetyBoard
 
 MAX_ATTEMPTS = 2
 READY_TIMEOUT_S = 20.0
@@ -76,6 +85,7 @@ class Scheduler(Reactor):
 
     kind = "control"
     inputs = (
+        SafetyState,
         EpisodeReady,
         EpisodeResult,
         EpisodePicture,
@@ -99,6 +109,7 @@ class Scheduler(Reactor):
         self._loading = PolicyLoading(self._registry)
         self._losses = LossWindow()
         self._measured = Measured()
+        self._safety = SafetyBoard()
         self._runs: dict[str, EvaluationRun] = {}
         self._attempts: dict[str, Attempt] = {}
         self._now_ns: int | None = None
@@ -122,7 +133,9 @@ class Scheduler(Reactor):
             self._hand_out(self._now_ns)
         if self._nodes_changed:
             self._nodes_changed = False
+            self._tell_cells()
             self._to_edge.append(NodesChanged(self._registry.infos()))
+        self._to_bus[:0] = self._safety.take_due(self._now_ns or 0)
         outputs = [*self._to_bus, *self._to_edge]
         self._to_bus.clear()
         self._to_edge.clear()
@@ -163,6 +176,13 @@ class Scheduler(Reactor):
                 self._finish_if_empty(run)
             case CancelEvaluation():
                 self._cancel(message.evaluation)
+            case SafetyState():
+                self._take_safety(message)
+            case StopCells():
+                self._stop_cells(message)
+            case ResetCells():
+                for cell in message.cells:
+                    self._safety.order(SafetyReset(header=Header(cell=cell), by=message.by))
             case LoadPolicy():
                 self._send(self._loading.order(message))
             case PolicyLoaded():
@@ -180,6 +200,8 @@ class Scheduler(Reactor):
                 unanswered = self._registry.lose(message.kind, message.node)
                 self._send(self._loading.lose(unanswered, message.node))
                 self._lose(message.kind, message.node)
+                if message.kind == "sim":
+                    self._safety.lose(message.node)
             case NodeDescription():
                 self._registry.describe(message)
                 self._send(self._loading.load_again(message.node))
@@ -235,7 +257,7 @@ class Scheduler(Reactor):
             self._abort(attempt, write_reason(Cause.NODE_TIMEOUT, text))
 
     def _check_missing(self, run: EvaluationRun, now_ns: int) -> None:
-        if run.look(self._registry, now_ns):
+        if run.look(self._registry, now_ns, unreset=self._list_unreset()):
             self._to_edge.append(WaitingChanged(run.id, run.waiting))
         for trial, missing in run.take_overdue(self._rejoin_s, now_ns):
             text = f"{', '.join(missing)} missing for {self._rejoin_s:.0f} s"
@@ -246,7 +268,7 @@ class Scheduler(Reactor):
         """Give every idle cell the first trial that can run now."""
         load = Counter(node for a in self._attempts.values() for node in a.nodes.values())
         for sim in self._registry.ready(Need("sim")):
-            if sim.node in self._attempts:
+            if sim.node in self._attempts or self._safety.is_stopped(sim.node):
                 continue
             for run in self._runs.values():
                 taken = run.take_next(self._registry, load, now_ns)
@@ -302,6 +324,38 @@ class Scheduler(Reactor):
             run = self._runs[attempt.trial.evaluation]
             self._to_edge.append(TrialEnded(attempt.trial, result.outcome, result.reason, result))
             self._finish_if_empty(run)
+
+    def _stop_cells(self, order: StopCells) -> None:
+        for cell in order.cells:
+            header = Header(cell=cell)
+            self._safety.order(SafetyStop(header=header, by=order.by, reason=order.reason))
+            self._end_stopped(cell, EmergencyStopped(cell, order.by, order.reason).describe())
+
+    def _take_safety(self, state: SafetyState) -> None:
+        """A guard speaks; whoever else pressed the button, the trial there is over."""
+        cell = state.header.cell
+        self._safety.hear(state)
+        if state.emergency_stop and state.fault is not None:
+            self._end_stopped(cell, state.fault.model_dump())
+        self._tell_cells()
+
+    def _end_stopped(self, cell: str, fault: Mapping[str, str]) -> None:
+        """End the trial of a cell for good: who stopped it does not want to see it again."""
+        attempt = self._attempts.pop(cell, None)
+        if attempt is not None:
+            text = f"{fault['happened']} ({fault['code']})"
+            reason = write_reason(Cause.EMERGENCY_STOP, text)
+            self._to_bus.append(attempt.abort(reason))
+            self._end(self._runs[attempt.trial.evaluation], attempt.trial, reason)
+
+    def _list_unreset(self) -> tuple[str, ...]:
+        """What trials wait for when every cell that could take them is stopped."""
+        cells = [node.node for node in self._registry.ready(Need("sim"))]
+        stopped = [cell for cell in cells if self._safety.is_stopped(cell)]
+        return tuple(f"reset of {cell}" for cell in stopped) if stopped == cells else ()
+
+    def _tell_cells(self) -> None:
+        self._to_edge.append(CellsChanged(self._safety.infos(self._registry)))
 
     def _take_picture(self, message: EpisodePicture) -> None:
         """Pictures come before the result: with it the cell goes on to its next epoch."""

@@ -10,6 +10,7 @@ from services.control.deployment import Deployment
 from services.control.events import (
     AttemptEnded,
     AttemptStarted,
+    CellsChanged,
     EvaluationEnded,
     NodesChanged,
     PictureArrived,
@@ -49,6 +50,8 @@ class ResultSink:
         match event:
             case NodesChanged():
                 self._deployment.nodes = event.nodes
+            case CellsChanged():
+                self._deployment.cells.put(event.cells)
             case PolicyLoadEnded():
                 self._deployment.loads.put(event)
             case PictureArrived():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from services.retarget.braking import braking_distance, stopping_speed
+from common.braking import braking_distance, stopping_speed
 
 _RETURN_CAP_M_S = 0.2
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from common.braking import braking_distance, stopping_speed
 from common.errors import InvalidValue
 from common.se3 import Array
-from services.retarget.braking import braking_distance, stopping_speed
 from services.retarget.level import Mask
 
 RETURN_GAIN_PER_S = 5.0

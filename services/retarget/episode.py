@@ -26,6 +26,10 @@ from services.retarget.retargeter import Retargeter
 
 log = logging.getLogger(__name__)
 
+ACTION_AGE_LIMIT_TICKS = 15
+"""Real time: later than this after its frame no step of a chunk begins. One lost action is bridged;
+when the policy is gone, the hand is at rest 0.3 s later."""
+
 
 class RetargetEpisode:
     """Answers each tick once, in order, and repeats its last answer when asked again.
@@ -121,6 +125,8 @@ class RetargetEpisode:
             retargeter.start(state.positions)
         for action in due:
             self._reference.take(action.steps)
+        if self._policy_is_silent(state):
+            self._reference.end_chunk()
         wanted = self._reference.advance()
         reference = self._lag.follow(wanted)
         started = time.perf_counter()
@@ -138,6 +144,11 @@ class RetargetEpisode:
         tick = TickRecord(self._expected[0], T_world_tool, motion, solve_time_s)
         status = self._report.add(tick, state.header)
         return [command] if status is None else [status, command]
+
+    def _policy_is_silent(self, state: RobotState) -> bool:
+        """Real time: whether the newest action is too old for the rest of its chunk."""
+        age = state.header.step - self._newest_taken
+        return self.configure.mode == "realtime" and age > ACTION_AGE_LIMIT_TICKS
 
     def _is_usable(self, state: RobotState) -> bool:
         """Whether a state is one of this robot; the first that is not is told of."""

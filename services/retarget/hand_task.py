@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from common.braking import stopping_speed
 from common.robots.spec import RetargetSpec
 from common.se3 import Array, log_quat, quat_from_matrix
-from services.retarget.braking import stopping_speed
 
 
 def compute_hand_twist(

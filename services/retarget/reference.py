@@ -172,6 +172,10 @@ class GripperReference:
         self._setpoint.replace(steps)
         self._aim_at_next_step()
 
+    def end_chunk(self) -> None:
+        """Come to rest at the waypoint that is under way; what was left of the chunk is dropped."""
+        self._setpoint.replace(())
+
     def advance(self) -> TickReference:
         """Move on by one tick; a chunk continues whenever its last waypoint is reached."""
         if self._interpolator.arrived:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 from pathlib import Path
 
@@ -22,14 +23,24 @@ def main() -> int:
         default=find_menagerie(),
         help=f"copy of MuJoCo Menagerie for pictures of episodes (default: {VARIABLE}, if set)",
     )
+    parser.add_argument(
+        "--tool-log",
+        type=Path,
+        default=None,
+        help="write the tool's pose after every tick to this CSV file (docs/safety.md)",
+    )
     args = parser.parse_args()
 
-    def make_reactor() -> SimReactor:
-        return SimReactor(node=args.node, meshes=args.meshes)
-
     from services.sim.reactor import SimReactor
+    from services.sim.tool_log import ToolLog
 
-    return run_service(make_reactor, args)
+    with contextlib.ExitStack() as stack:
+
+        def make_reactor() -> SimReactor:
+            log = None if args.tool_log is None else stack.enter_context(ToolLog(args.tool_log))
+            return SimReactor(node=args.node, meshes=args.meshes, tool_log=log)
+
+        return run_service(make_reactor, args)
 
 
 if __name__ == "__main__":

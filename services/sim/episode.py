@@ -9,7 +9,7 @@ from typing import Final
 from common.aborts import Cause, write_reason
 from common.calibration import StereoCalibration
 from common.clock import FRAME_TICKS, TICK_S, LockstepBarrier, RealtimePacer, closes_frame
-from common.errors import InvalidValue, LegatoError, ModelError, WrongShape
+from common.errors import LegatoError, ModelError
 from common.messages import (
     EpisodeConfigure,
     EpisodeEvent,
@@ -27,24 +27,30 @@ from common.messages import (
     StereoFrame,
     TrialResult,
 )
+from common.safety import Setpoint, SingleWriter
 from common.se3 import pose_to_wire
 from common.tasks.task import Judgement, SuccessMonitor
 from services.sim.album import Album
+from services.sim.body import GuardedBody
 from services.sim.camera import Sensor, Skin, StereoCamera
 from services.sim.counts import LiveCounts
 from services.sim.measurements import Ending, Measurements
 from services.sim.stages import StageMonitor
 from services.sim.trace import Trace
-from services.sim.world import World
 
 RESEND_S: Final = 0.4
-COMMAND_AGE_LIMIT_S: Final = 0.05
-"""Real time: an older joint command no longer moves the robot."""
 _MOMENT_DELAY_TICKS: Final = {"grasp": 80, "release": 30}
 """Fingers take time: a picture at the command itself would show nothing."""
 
 _COMMAND, _STATUS, _MOTOR, _ACTION = "robot/command", "retarget/status", "motor_command", "action"
 _NODE_OF = {_COMMAND: "retarget", _STATUS: "retarget", _MOTOR: "gripper", _ACTION: "policy"}
+_KIND_OF: Final[dict[type[Message], str]] = {
+    RobotCommand: "retarget",
+    RetargetStatus: "retarget",
+    MotorCommand: "gripper",
+    PolicyAction: "policy",
+}
+"""Who may send what."""
 
 
 class Episode:
@@ -56,7 +62,7 @@ class Episode:
 
     Args:
         configure: What was asked for.
-        world: Built for this episode.
+        body: The robot in a world built for this episode.
         camera: The gripper's stereo camera in that world.
         calibration: What the camera was built from.
         sensor: Changes the pictures as a real one does; without it they stay clean.
@@ -66,28 +72,32 @@ class Episode:
     def __init__(
         self,
         configure: EpisodeConfigure,
-        world: World,
+        body: GuardedBody,
         camera: StereoCamera,
         calibration: StereoCalibration,
         sensor: Sensor | None = None,
         skin: Skin | None = None,
     ) -> None:
         self.configure = configure
+        self.body = body
+        self.pacer = RealtimePacer(period_s=TICK_S)
+        self.writer = SingleWriter(
+            configure.header.cell,
+            {message: configure.nodes[kind] for message, kind in _KIND_OF.items()},
+        )
+        world = self._world = body.world
         self._album = Album(world, skin)
-        self._world = world
         self._camera = camera
         self._calibration = calibration
         self._sensor = sensor
         self._latency_ticks = math.ceil(configure.action_latency_s / TICK_S - 1e-9)
         self._barrier = LockstepBarrier(resend_s=RESEND_S, deadline_s=configure.node_deadline_s)
-        self._pacer = RealtimePacer(period_s=TICK_S)
         self._monitor = SuccessMonitor()
         self._stages = StageMonitor(world.task.moved_object)
         self._measured = Measurements()
         self._trace = Trace()
         self._step = 0
         self._grasp = False
-        self._command: RobotCommand | None = None
         self._motor: MotorCommand | None = None
         self._actions: dict[int, PolicyAction] = {}
         self._frame: StereoFrame | None = None
@@ -109,10 +119,15 @@ class Episode:
     @property
     def counts(self) -> LiveCounts:
         """Where it counts, for metrics."""
-        return LiveCounts(self._measured, self._barrier, self._pacer)
+        return LiveCounts(self._measured, self._barrier, self.pacer)
 
     def start(self) -> list[Message]:
-        """Start the clock: the messages of tick 0."""
+        """Start the clock: the messages of tick 0.
+
+        Raises:
+            LegatoError: The robot may not move.
+        """
+        self.body.guard.start()
         self._started_s = time.perf_counter()
         messages = [self._event("started"), *self._open_tick()]
         self._album.remember("start", self._frame)
@@ -120,11 +135,12 @@ class Episode:
 
     def take(self, answer: Message) -> list[Message]:
         """Take one answer and go on as far as it allows."""
-        if self.over:
+        if self.over or not self.writer.accepts(answer):
             return []
         if isinstance(answer, RobotCommand):
-            if answer.for_step == self._step or self.realtime:
-                self._command = answer
+            if answer.for_step == self._step or (self.realtime and answer.for_step < self._step):
+                command = Setpoint(answer.positions, answer.velocities)
+                self.body.guard.offer(command, made_s=answer.for_step * TICK_S)
                 self._barrier.arrive(_COMMAND)
         elif isinstance(answer, MotorCommand):
             if answer.for_step == self._step or self.realtime:
@@ -141,6 +157,11 @@ class Episode:
             return self._close_tick()
         return []
 
+    def stop(self, fault: LegatoError) -> list[Message]:
+        """Brake, latch a fault and end the episode with it."""
+        self.body.guard.stop(fault)
+        return self._end("aborted", write_reason(Cause.EMERGENCY_STOP, f"{fault} ({fault.code})"))
+
     def pass_time(self, now_ns: int) -> list[Message]:
         """Let wall time pass: pace in real time, watch for silence in lockstep.
 
@@ -150,10 +171,8 @@ class Episode:
         if self.over:
             return []
         if self.realtime:
-            messages: list[Message] = []
-            while not self.over and self._pacer.due(now_ns):
-                messages += self._close_realtime_tick(now_ns)
-            return messages
+            # One at a time: after a late one, the next gets the command for it.
+            return self._close_realtime_tick() if self.pacer.due(now_ns) else []
         verdict = self._barrier.check(now_ns)
         if verdict.overdue:
             nodes = sorted({self.configure.nodes[_NODE_OF[kind]] for kind in verdict.overdue})
@@ -251,39 +270,45 @@ class Episode:
             self._trace.add_numbers(
                 b"action", [*step.translation_m, *step.rotation_rad, float(step.grasp)]
             )
-        if self._command is None or self._motor is None:
+        if self._motor is None:
             raise AssertionError("the barrier is complete without its commands")
-        return self._apply(self._command, self._motor) or self._advance()
+        return self._close()
 
-    def _close_realtime_tick(self, now_ns: int) -> list[Message]:
-        command, motor = self._command, self._motor
-        fresh = command is not None and (
-            now_ns - command.request_t_mono_ns <= COMMAND_AGE_LIMIT_S * 1e9
-        )
-        if command is not None and motor is not None and fresh:
-            return self._apply(command, motor) or self._advance()
-        self._world.servos.hold()
-        self._measured.held_ticks += 1
-        return self._advance()
+    def _close_realtime_tick(self) -> list[Message]:
+        if not self.body.guard.following:
+            self._measured.held_ticks += 1
+        return self._close()
 
-    def _apply(self, command: RobotCommand, motor: MotorCommand) -> list[Message]:
-        """Hand the commands to servos and fingers; a command that does not fit ends the episode."""
-        try:
-            self._world.servos.command(command.positions, command.velocities)
-        except (WrongShape, InvalidValue) as error:
-            return self._abort("retarget", error)
-        self._world.fingers.command(motor.positions_rad, current_limit_a=motor.current_limit_a)
-        self._trace.add_numbers(b"command", [*command.positions, *command.velocities])
+    def _close(self) -> list[Message]:
+        """Move as the guard says, and end the episode if it found a fault."""
+        setpoint = self.body.command()
+        self._trace.add_numbers(b"command", [*setpoint.positions, *setpoint.velocities])
+        if self._motor is not None:
+            self._move_fingers(self._motor)
+        problem = self._step_physics()
+        if problem is not None:
+            return self._abort("sim", problem)
+        fault = self.body.fault
+        if fault is not None:
+            return self._abort("retarget", fault, Cause.ROBOT_FAULT)
+        return self._judge()
+
+    def _move_fingers(self, motor: MotorCommand) -> None:
+        fingers = self._world.fingers
+        fingers.command(motor.positions_rad, current_limit_a=motor.current_limit_a)
         self._trace.add_numbers(b"motor", [*motor.positions_rad, motor.current_limit_a])
-        return []
 
-    def _advance(self) -> list[Message]:
+    def _step_physics(self) -> ModelError | None:
         began_s = time.perf_counter()
         try:
-            self._world.advance(TICK_S)
+            self.body.advance()
         except ModelError as error:
-            return self._abort("sim", error)
+            return error
         self._measured.physics_s += time.perf_counter() - began_s
+        return None
+
+    def _judge(self) -> list[Message]:
+        """Look at the state just reached, and open the next tick unless it ends the episode."""
         self._step += 1
         if self._moment is not None and self._step >= self._moment[0]:
             self._album.remember(self._moment[1], self._frame)
@@ -312,10 +337,12 @@ class Episode:
             moment = "grasp" if grasp else "release"
             self._moment = (self._step + _MOMENT_DELAY_TICKS[moment], moment)
 
-    def _abort(self, kind: str, error: LegatoError) -> list[Message]:
+    def _abort(
+        self, kind: str, error: LegatoError, cause: Cause = Cause.NODE_PROBLEM
+    ) -> list[Message]:
         """End the episode because of what a node has made, and name it."""
         text = f"{self.configure.nodes[kind]}: {error} ({error.code})"
-        return self._end("aborted", write_reason(Cause.NODE_PROBLEM, text))
+        return self._end("aborted", write_reason(cause, text))
 
     def _end(
         self, outcome: Outcome, reason: str, judgement: Judgement | None = None

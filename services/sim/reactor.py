@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from common.calibration import load_calibration
-from common.errors import InvalidValue, LegatoError
+from common.errors import EmergencyStopped, InvalidValue, LegatoError
 from common.messages import (
     EpisodeAbort,
     EpisodeConfigure,
@@ -19,18 +20,27 @@ from common.messages import (
     Problem,
     RetargetStatus,
     RobotCommand,
+    SafetyReset,
+    SafetyStop,
     Tick,
 )
 from common.metrics import Sample
 from common.metrics.table import ACTION_AGE, COMMAND_AGE
 from common.robots import list_robots, load_robot
+from common.safety import SafetyLatch
 from common.service import AnyMessage, Reactor
 from common.tasks import list_tasks, load_task
+from services.sim.body import GuardedBody
 from services.sim.camera import RANDOMISED, Sensor, StereoCamera, warm_up, warm_up_meshes
 from services.sim.counts import Counts
 from services.sim.dress import dress
 from services.sim.episode import Episode
+from services.sim.hold import Hold
+from services.sim.safety_report import SafetyReport
+from services.sim.tool_log import ToolLog
 from services.sim.world import TOOL_SITE, World
+
+log = logging.getLogger(__name__)
 
 _TAKE_PART = {"sim", "retarget", "gripper", "policy"}
 """Kinds of nodes that every episode has: reasons name them."""
@@ -44,22 +54,33 @@ class SimReactor(Reactor):
         node: Its name, which is the cell's name too.
         meshes: Folder of the meshes that pictures of key moments show; robots that have none are
             drawn from primitives, as all are without it.
+        tool_log: Takes the tool's pose after every tick.
     """
 
     kind = "sim"
-    inputs = (EpisodeConfigure, EpisodeStart, EpisodeAbort, *_ANSWERS)
+    inputs = (
+        *(SafetyStop, SafetyReset),
+        *(EpisodeConfigure, EpisodeStart, EpisodeAbort),
+        *_ANSWERS,
+    )
     packages = ("mujoco-core", "numba", "numpy")
 
-    def __init__(self, *, node: str, meshes: Path | None = None) -> None:
+    def __init__(
+        self, *, node: str, meshes: Path | None = None, tool_log: ToolLog | None = None
+    ) -> None:
+        self._log = tool_log
         # Ready means ready: no episode may wait for a compiler.
         warm_up()
         if meshes is not None:
             warm_up_meshes()
         self._meshes = meshes
         self.node = node
+        self._latch = SafetyLatch()
+        self._report = SafetyReport(node, self._latch)
         self._episode: Episode | None = None
         self._running = False
         self._counts = Counts()
+        self._hold: Hold | None = None
 
     def offers(self) -> dict[str, list[str]]:
         """Its cell, and what it can simulate."""
@@ -72,7 +93,9 @@ class SimReactor(Reactor):
 
     @property
     def tick_period_s(self) -> float:
-        """Fine while it paces an episode, coarse otherwise."""
+        """Fine while it paces a world, coarse otherwise."""
+        if self._hold is not None:
+            return 0.005
         if self._episode is not None and self._episode.realtime and self._running:
             return 0.002
         return 0.1
@@ -81,9 +104,13 @@ class SimReactor(Reactor):
         """Take answers, control messages and time; return the next ticks."""
         outputs: list[AnyMessage] = []
         for message in messages:
-            outputs += self._handle_one(message)
-            if self._episode is not None and self._episode.over:
-                self._episode = None
+            news = self._handle_one(message)
+            episode = self._episode
+            if episode is not None and episode.over:
+                self._retire(episode)
+            # Before the result: whoever hears that an episode was aborted knows why.
+            outputs += self._report.update(message, episode, self._hold)
+            outputs += news
         return outputs
 
     def measure(
@@ -107,28 +134,69 @@ class SimReactor(Reactor):
         # Answers first: there are hundreds of them a second.
         if self._running and self._episode is not None and isinstance(message, _ANSWERS):
             return self._episode.take(message)
-        if isinstance(message, EpisodeConfigure):
+        if isinstance(message, Tick):
+            return self._pass_time(message.t_mono_ns)
+        if isinstance(message, SafetyStop):
+            return self._stop(message)
+        if isinstance(message, SafetyReset):
+            self._reset(message)
+        elif isinstance(message, EpisodeConfigure):
             return [self._prepare(message)]
-        if self._episode is None:
-            return []
-        if isinstance(message, EpisodeStart):
-            if self._running:
-                return []
-            self._running = True
-            return self._episode.start()
-        if isinstance(message, EpisodeAbort):
-            self._episode = None
-            return []
-        if self._running and isinstance(message, Tick):
-            return self._episode.pass_time(message.t_mono_ns)
+        elif isinstance(message, EpisodeStart):
+            return self._start()
+        elif isinstance(message, EpisodeAbort) and self._episode is not None:
+            self._retire(self._episode)
         return []
+
+    def _start(self) -> list[Message]:
+        if self._episode is None or self._running:
+            return []
+        self._running = True
+        return self._episode.start()
+
+    def _pass_time(self, now_ns: int) -> list[Message]:
+        if self._hold is not None:
+            self._hold.pass_time(now_ns)
+        if self._running and self._episode is not None:
+            return self._episode.pass_time(now_ns)
+        return []
+
+    def _stop(self, stop: SafetyStop) -> list[Message]:
+        """Latch an emergency stop, whatever is going on; a running episode ends with it."""
+        fault = EmergencyStopped(self.node, stop.by, stop.reason)
+        if not self._latch.emergency:
+            log.warning("emergency stop", extra={"cell": self.node, **fault.describe()})
+        self._latch.engage(fault)
+        episode = self._episode
+        if episode is None:
+            return []
+        if self._running:
+            return episode.stop(fault)
+        self._episode = None
+        return []
+
+    def _reset(self, reset: SafetyReset) -> None:
+        if self._hold is not None and self._hold.body.guard.status != "stopped":
+            log.warning("not reset while the robot moves", extra={"cell": self.node})
+            return
+        log.info("safety reset", extra={"cell": self.node, "by": reset.by})
+        self._latch.reset()
+
+    def _retire(self, episode: Episode) -> None:
+        """Let an episode go. A robot in real time does not end with it: it is brought to rest."""
+        if self._running and episode.realtime and episode.body.world.is_bounded():
+            self._hold = Hold(episode.body, episode.pacer)
+        self._episode = None
+        self._running = False
 
     def _prepare(self, configure: EpisodeConfigure) -> EpisodeReady:
         """Build the world; an error in a name or file becomes the answer, not a crash."""
         self._episode = None
         self._running = False
+        self._hold = None
         problem = None
         try:
+            self._latch.open_episode()
             if missing := _TAKE_PART - configure.nodes.keys():
                 named = ", ".join(sorted(configure.nodes)) or "none"
                 expected = f"also {', '.join(sorted(missing))}"
@@ -151,7 +219,9 @@ class SimReactor(Reactor):
             skin = None
             if configure.pictures and self._meshes and world.robot.meshes:
                 skin = dress(world, self._meshes)
-            self._episode = Episode(configure, world, camera, calibration, sensor, skin)
+            epoch = configure.header.epoch
+            body = GuardedBody(world, self._latch, epoch=epoch, log=self._log)
+            self._episode = Episode(configure, body, camera, calibration, sensor, skin)
             self._counts.follow(self._episode.counts)
         except LegatoError as error:
             problem = Problem(**error.describe())

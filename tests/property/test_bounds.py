@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common.braking import braking_distance, stopping_speed
 from services.retarget.bounds import Box, JointBounds, JointLimits
-from services.retarget.braking import braking_distance, stopping_speed
 
 DT_S = 0.01
 

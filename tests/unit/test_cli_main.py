@@ -15,7 +15,13 @@ from client.failures import exit_code_of, format_error
 from client.request import Known, build_request, check_names
 from common.api import PolicyInfo, ProblemDetails, ProgressEvent, RobotInfo, TaskInfo
 from common.errors import InvalidValue, UnknownName
-from tests.client_samples import make_evaluation, make_request, make_service, make_trial
+from tests.client_samples import (
+    make_cell_info,
+    make_evaluation,
+    make_request,
+    make_service,
+    make_trial,
+)
 
 
 @pytest.fixture
@@ -47,6 +53,9 @@ def control(monkeypatch):
         ("GET", "/api/v1/tasks"): [TaskInfo(name="lid", title="Lid", time_limit_s=20)],
         ("GET", "/api/v1/policies"): [PolicyInfo(name="expert", nodes=["policy"])],
         ("GET", "/api/v1/services"): [make_service("sim", "sim-0")],
+        ("GET", "/api/v1/cells"): [make_cell_info()],
+        ("POST", "/api/v1/stop"): [make_cell_info(stopped=True)],
+        ("POST", "/api/v1/reset"): [make_cell_info()],
         ("POST", "/api/v1/evaluations"): make_evaluation(),
         ("GET", "/api/v1/evaluations/e-1"): make_evaluation(),
         ("DELETE", "/api/v1/evaluations/e-1"): make_evaluation(),
@@ -71,7 +80,7 @@ def control(monkeypatch):
     def open_client(url: str = "http://test") -> LegatoClient:
         return LegatoClient(url, transport=httpx.MockTransport(handler))
 
-    for module in ("evaluate", "deploy"):
+    for module in ("evaluate", "deploy", "safety"):
         monkeypatch.setattr(f"client.verbs.{module}.LegatoClient", open_client)
     handler.answers, handler.calls = answers, calls
     return handler
@@ -207,6 +216,22 @@ def test_status(run, control):
     code, out, _ = run("status", "--json")
     assert json.loads(out)["ready"] is True
     assert json.loads(out)["services"][0]["node"] == "sim-0"
+
+    assert json.loads(out)["cells"][0]["status"] == "stopped"
+
+
+def test_stop_and_reset(run, control):
+    code, out, _ = run("stop", "--cell", "sim-0", "--reason", "too near")
+    assert code == 0
+    assert "emergency stop of sim-0 by rest (too near) (E-EMERGENCY-STOP)" in out
+    code, out, _ = run("reset", "--json")
+    assert code == 0
+    assert json.loads(out)["cells"][0]["emergency_stop"] is False
+    sent = [(path, json.loads(body)) for method, path, body in control.calls if method == "POST"]
+    assert sent == [
+        ("/api/v1/stop", {"cells": ["sim-0"], "reason": "too near"}),
+        ("/api/v1/reset", {"cells": None}),
+    ]
 
 
 def test_down_without_a_deployment_is_fine(run, tmp_path):

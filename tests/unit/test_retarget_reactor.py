@@ -154,6 +154,25 @@ def test_in_real_time_two_actions_at_once_both_count(reactor):
     assert command.positions[:3] == pytest.approx([0.11, -0.29, 0.8])
 
 
+def test_in_real_time_a_chunk_ends_soon_after_the_policy_fell_silent(reactor):
+    reactor.handle([configure("abstract", mode="realtime")])
+    reactor.handle([state(0, "abstract"), action(0, *[step([0.03, 0, 0])] * 64)])
+    xs = []
+    for tick in range(1, 60):
+        (*_, command) = reactor.handle([state(tick, "abstract")])
+        xs.append(command.positions[0])
+    # The second step bridges one lost action; no third begins.
+    assert xs[-1] == pytest.approx(0.1 + 2 * 0.03)
+    assert xs.index(xs[-1]) < 30
+
+
+def test_in_lockstep_a_chunk_runs_to_its_end(reactor):
+    reactor.handle([configure("abstract"), action(0, *[step([0.03, 0, 0])] * 4)])
+    for tick in range(60):
+        (*_, command) = reactor.handle([state(tick, "abstract", due=-1 if tick else 0)])
+    assert command.positions[0] == pytest.approx(0.1 + 4 * 0.03)
+
+
 def test_wrong_shape_is_logged_once_and_ignored(reactor, caplog):
     reactor.handle([configure()])
     assert reactor.handle([state(0, "abstract"), state(1, positions=[0.0] * 6)]) == []

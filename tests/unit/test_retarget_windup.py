@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from common.braking import braking_distance
 from common.clock import TICK_S
 from common.messages import ActionStep
 from common.se3 import distance
-from services.retarget.braking import braking_distance
 from services.retarget.reference import GripperReference, Lead
 from services.retarget.whole_body import WholeBodyRetargeter, list_limits
 from tests.retarget_runs import BODIES, make_retargeter, rest, robot_model, step

@@ -26,6 +26,7 @@ from services.control.events import (
     AttemptEnded,
     AttemptStarted,
     CancelEvaluation,
+    CellsChanged,
     EvaluationEnded,
     NodesChanged,
     PictureArrived,
@@ -63,7 +64,7 @@ class Bench:
     def give(self, *messages):
         out = list(self.scheduler.handle(messages))
         self.log += out
-        return [m for m in out if not isinstance(m, (NodesChanged, WaitingChanged))]
+        return [m for m in out if not isinstance(m, (NodesChanged, CellsChanged, WaitingChanged))]
 
     def tick(self, passed_s=0.05):
         self.now_s += passed_s

@@ -1,0 +1,42 @@
+"""What was wrong, until somebody resets it."""
+
+from __future__ import annotations
+
+from common.errors import EmergencyStopped, LegatoError
+
+
+class SafetyLatch:
+    """Keeps the first fault of a cell. It outlives episodes; an emergency stop outranks a fault."""
+
+    def __init__(self) -> None:
+        self._fault: LegatoError | None = None
+
+    @property
+    def fault(self) -> LegatoError | None:
+        """Why the robot may not move; None when it may."""
+        return self._fault
+
+    @property
+    def emergency(self) -> bool:
+        """Whether it is an emergency stop."""
+        return isinstance(self._fault, EmergencyStopped)
+
+    def engage(self, fault: LegatoError) -> None:
+        """Latch a fault."""
+        outranks = isinstance(fault, EmergencyStopped) and not self.emergency
+        if self._fault is None or outranks:
+            self._fault = fault
+
+    def open_episode(self) -> None:
+        """A new episode releases every fault but an emergency stop.
+
+        Raises:
+            EmergencyStopped: It is latched.
+        """
+        if isinstance(self._fault, EmergencyStopped):
+            raise self._fault
+        self._fault = None
+
+    def reset(self) -> None:
+        """Release whatever is latched."""
+        self._fault = None
