@@ -56,7 +56,7 @@ def test_the_running_trial_is_aborted_for_good_and_the_others_wait(rest):
     post(rest, "/stop")
     rest.wait_until(lambda: statuses(rest, evaluation) == ["aborted", "aborted", "pending"])
     trial = rest.plane.queries.trials(evaluation)[0]
-    assert trial.reason.startswith("emergency stop of sim-0 by rest")
+    assert trial.reason.startswith("emergency_stop: emergency stop of sim-0 by rest")
     assert trial.reason.endswith("(E-EMERGENCY-STOP)")
     assert [attempt.outcome for attempt in trial.attempts] == ["aborted"]
     waiting = ["reset of sim-0", "reset of sim-1"]
