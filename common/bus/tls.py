@@ -58,14 +58,13 @@ class Credentials:
         # A role's certificate is no server's: only the other direction is checked.
         client.verify_mode = ssl.CERT_NONE
         to_server, to_client = ssl.MemoryBIO(), ssl.MemoryBIO()
-        ends = (
-            client.wrap_bio(to_client, to_server),
-            server.wrap_bio(to_server, to_client, server_side=True),
-        )
+        ours = client.wrap_bio(to_client, to_server)
+        theirs = server.wrap_bio(to_server, to_client, server_side=True)
         try:
-            # Hello, answer, certificate of the client: each end twice.
-            for end in ends * 2:
+            for end in (ours, theirs, ours):
                 _advance(end)
+            # The last word: it has seen the certificate now.
+            theirs.do_handshake()
         except ssl.SSLError as error:
             raise BadCertificate(str(self.certificate), _describe(error)) from error
 
@@ -98,7 +97,8 @@ class Credentials:
         except ssl.SSLError as error:
             raise BadCertificate(str(self.authority), "not a certificate") from error
         try:
-            context.load_cert_chain(self.certificate, self.key)
+            # A key under a password would be asked for on the terminal.
+            context.load_cert_chain(self.certificate, self.key, password="")
         except ssl.SSLError as error:
             wrong = "its key is not that of cert.pem" if "MISMATCH" in str(error.reason) else None
             raise BadCertificate(str(self.key), wrong or "not a certificate and key") from error

@@ -6,6 +6,7 @@ import shutil
 import socket
 
 import pytest
+from cryptography.hazmat.primitives import serialization
 
 from common.bus import BusSettings, Credentials
 from common.errors import BadCertificate, InvalidValue
@@ -63,6 +64,18 @@ def test_a_damaged_file_is_refused(sim, name, problem):
 def test_the_key_of_another_is_refused(certs, sim):
     shutil.copy(certs / "policy" / "key.pem", sim)
     with pytest.raises(BadCertificate, match=r"its key is not that of cert\.pem"):
+        Credentials.from_folder(sim)
+
+
+def test_a_key_under_a_password_is_refused_without_asking(sim):
+    key = serialization.load_pem_private_key((sim / "key.pem").read_bytes(), password=None)
+    locked = key.private_bytes(
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.BestAvailableEncryption(b"secret"),
+    )
+    (sim / "key.pem").write_bytes(locked)
+    with pytest.raises(BadCertificate, match="not a certificate and key"):
         Credentials.from_folder(sim)
 
 
