@@ -30,7 +30,7 @@ def needs(role: Role | None, *, limited: bool = True) -> dict[str, Any]:
 
     Args:
         role: Least role of the caller; None lets everybody in.
-        limited: Whether writing calls count against the rate. An emergency stop must not.
+        limited: Whether writing calls count against the rate.
     """
     return {_ROLE: role or _NOBODY, _LIMITED: limited}
 
@@ -39,6 +39,8 @@ OPEN = needs(None)
 VIEW = needs(Role.VIEW)
 OPERATE = needs(Role.OPERATE)
 ADMIN = needs(Role.ADMIN)
+STOP = needs(Role.OPERATE, limited=False)
+"""Of an emergency stop: however often something was called before, it is heard."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from fastapi import APIRouter, FastAPI
 from common.api import PREFIX, ProblemDetails
 from common.keys import Role, create_key, revoke_key
 from common.log import JsonFormatter
-from services.control.access import OPERATE, Guard, GuardedRoute, needs
+from services.control.access import OPERATE, STOP, Guard, GuardedRoute
 from services.control.app import create_app
 from services.control.keyring import KeyRing
 from services.control.problems import add_problem_handlers
@@ -271,15 +271,14 @@ def test_a_call_that_fails_unexpectedly_is_written_down_too(app, plane, keys, ca
     assert (line["caller"], line["status"]) == ("the-operate", 500)
 
 
-def test_a_route_may_say_that_it_is_never_too_many(path, keys):
-    """An emergency stop works however often something was called before."""
+def test_an_emergency_stop_is_never_one_call_too_many(path, keys):
     limit = RateLimit(rate_hz=1, burst=1, now_s=lambda: 0.0)
     app = FastAPI()
     app.state.guard = Guard(KeyRing(path), limit)
     add_problem_handlers(app)
     router = APIRouter(route_class=GuardedRoute)
     router.post("/start", openapi_extra=OPERATE)(lambda: None)
-    router.post("/stop", openapi_extra=needs(Role.OPERATE, limited=False))(lambda: None)
+    router.post("/stop", openapi_extra=STOP)(lambda: None)
     app.include_router(router)
     headers = bearer(keys[Role.OPERATE])
     answers = [ask(app, "POST", path, headers=headers) for path in ["/start"] * 2 + ["/stop"] * 3]

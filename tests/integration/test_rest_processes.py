@@ -262,6 +262,24 @@ def test_no_listener_for_others_without_protection(processes, host):
     assert not processes.data.exists()
 
 
+def test_with_consent_they_listen_at_every_address_as_in_a_container(processes):
+    address = f"--listen=0.0.0.0:{processes.router_port}"
+    router = processes.spawn("services.router", address, "--insecure-plain-tcp")
+    control = processes.spawn(
+        "services.control",
+        "--host=0.0.0.0",
+        "--insecure-no-keys",
+        f"--port={processes.port}",
+        f"--data={processes.data}",
+        f"--endpoint={processes.endpoint}",
+    )
+    wait_until(lambda: is_listening(processes.port))
+    assert processes.http.get("/healthz").status_code == 200
+    for process in (control, router):
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(WAIT_S) == 0
+
+
 def test_keys_and_consent_to_none_contradict(processes, tmp_path):
     create_key(tmp_path / "keys", name="ann", role=Role.VIEW)
     file = f"--api-keys-file={tmp_path / 'keys'}"
