@@ -98,7 +98,9 @@ def test_when_commands_stop_the_robot_comes_to_rest_and_its_episode_is_aborted(c
     seen = [message for _ in range(10) for message in cell.tick()]
     (result,) = of(m.EpisodeResult, seen)
     assert result.result.outcome == "aborted"
-    assert result.result.reason.startswith("robot_fault: arm: the newest joint command is 60 ms old")
+    assert result.result.reason.startswith(
+        "robot_fault: arm: the newest joint command is 60 ms old"
+    )
     assert "(E-STALE-COMMAND)" in result.result.reason
     first, *_ = [s for s in of(m.SafetyState, seen) if s.fault is not None]
     assert first.fault is not None
@@ -137,7 +139,9 @@ def test_an_emergency_stop_in_real_time_brakes_and_lasts_until_reset(cell: Cell)
     (state,) = of(m.SafetyState, seen)
     assert (state.status, state.emergency_stop) == ("stopping", True)
     (result,) = of(m.EpisodeResult, seen)
-    assert result.result.reason.startswith(f"emergency_stop: emergency stop of {CELL} by button (a hand in the")
+    assert result.result.reason.startswith(
+        f"emergency_stop: emergency stop of {CELL} by button (a hand in the"
+    )
     # Not while it moves.
     assert not of(m.SafetyState, cell.reactor.handle([reset()]))
     states = [s for _ in range(30) for s in of(m.SafetyState, cell.tick())]
