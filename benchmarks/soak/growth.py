@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
+from typing import Any
 
 from scipy.stats import theilslopes
 
@@ -79,13 +80,13 @@ def measure_growth(
         return None
     hours = [number * BIN_S / 3600.0 for number in bins]
     medians = [median(each) for each in bins.values()]
-    slope, _, low, high = theilslopes(medians, hours, CONFIDENCE)
+    line: Any = theilslopes(medians, hours, CONFIDENCE)
     return Growth(
         first=medians[0],
         last=medians[-1],
-        per_hour=float(slope),
-        low=float(low),
-        high=float(high),
+        per_hour=float(line.slope),
+        low=float(line.low_slope),
+        high=float(line.high_slope),
         limit=limit_per_hour,
         least=least,
     )
