@@ -81,6 +81,24 @@ COPY --from=code /code /code
 USER 10001:10001
 ENTRYPOINT ["python", "-m", "services.retarget"]
 
+# Whole evaluations in one process, for clusters: every service but torch, and the command line.
+FROM core AS eval
+RUN apt-get update -q && apt-get install -q -y --no-install-recommends libgomp1 && \
+    rm -rf /var/lib/apt/lists/* /var/cache/apt/*
+RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
+    --mount=type=secret,id=pipconf,target=/run/pip.conf \
+    --mount=type=cache,target=/root/.cache/pip \
+    /tools/run-pip --python /venv/bin/python \
+      install --quiet -c /tools/constraints.txt '/tools/legato-0-py3-none-any.whl[all]' && \
+    rm -r /venv/lib/python3*/site-packages/cmeel.prefix/include
+COPY --from=code /code /code
+ENV NUMBA_CPU_NAME=generic
+RUN NUMBA_CACHE_DIR=/kernels python -m services.sim.camera
+ENV NUMBA_CACHE_DIR=/tmp/kernels
+USER 10001:10001
+HEALTHCHECK NONE
+ENTRYPOINT ["/bin/sh", "-c", "cp -r /kernels /tmp/ && exec python -m client.main \"$@\"", "legato"]
+
 FROM core AS policy
 RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
     --mount=type=secret,id=pipconf,target=/run/pip.conf \

@@ -218,6 +218,8 @@ class Eval(Command):
     """Run everything inside this process, without services."""
     workers: int | None = None
     """Run it in so many processes of this machine, without services, as shards in --out."""
+    ray: bool = False
+    """With --workers: as tasks of Ray, on the cluster of RAY_ADDRESS."""
     shard: str | None = None
     """Run only shard i of n, as i/n with i from 0, without services; run again, it goes on."""
     out: Path | None = None

@@ -20,7 +20,7 @@ from pathlib import Path
 from benchmarks.machine import describe_machine
 from benchmarks.soak.growth import Growth, measure_growth
 from benchmarks.soak.latency import TOPICS, ArrivalTap, LatencyMatcher
-from benchmarks.soak.processes import LIMITS_PER_HOUR, QUANTITIES, Sampler
+from benchmarks.soak.processes import LEAST, LIMITS_PER_HOUR, QUANTITIES, Sampler
 from client.api import LegatoClient
 from client.deployment import Deployment, find_free_ports
 from client.readiness import wait_until_ready
@@ -161,7 +161,10 @@ def print_growth(soak: Soak) -> bool:
         row = f"{node:18s}"
         for name in QUANTITIES:
             growth = measure_growth(
-                series.times_s, series.values[name], limit_per_hour=LIMITS_PER_HOUR[name]
+                series.times_s,
+                series.values[name],
+                limit_per_hour=LIMITS_PER_HOUR[name],
+                least=LEAST[name],
             )
             row += f"{describe_growth(growth):>40s}"
             if growth is None or not growth.is_certain:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
+from typing import Any
 
 from scipy.stats import theilslopes
 
@@ -27,6 +28,7 @@ class Growth:
         low: Lower end of its confidence interval.
         high: Upper end.
         limit: Largest slope that is no growth.
+        least: Smallest change that counts as growth.
     """
 
     first: float
@@ -35,11 +37,13 @@ class Growth:
     low: float
     high: float
     limit: float
+    least: float
 
     @property
     def is_growing(self) -> bool:
-        """More than is allowed, and that for certain."""
-        return self.per_hour > self.limit and self.low > 0.0
+        """More than is allowed, for certain, and more than one step of an allocator."""
+        is_steep = self.per_hour > self.limit and self.low > 0.0
+        return is_steep and self.last - self.first > self.least
 
     @property
     def is_certain(self) -> bool:
@@ -48,7 +52,7 @@ class Growth:
 
 
 def measure_growth(
-    times_s: Sequence[float], values: Sequence[float], *, limit_per_hour: float
+    times_s: Sequence[float], values: Sequence[float], *, limit_per_hour: float, least: float
 ) -> Growth | None:
     """Theil-Sen slope of the medians of ten seconds, after the warm-up.
 
@@ -60,6 +64,7 @@ def measure_growth(
         times_s: When the samples were taken, rising [s].
         values: The samples.
         limit_per_hour: Largest slope that is no growth.
+        least: Smallest change that counts as growth: a short run cannot tell a step from a slope.
 
     Returns:
         The growth, or None for fewer than six medians.
@@ -75,5 +80,13 @@ def measure_growth(
         return None
     hours = [number * BIN_S / 3600.0 for number in bins]
     medians = [median(each) for each in bins.values()]
-    slope, _, low, high = theilslopes(medians, hours, CONFIDENCE)
-    return Growth(medians[0], medians[-1], float(slope), float(low), float(high), limit_per_hour)
+    line: Any = theilslopes(medians, hours, CONFIDENCE)
+    return Growth(
+        first=medians[0],
+        last=medians[-1],
+        per_hour=float(line.slope),
+        low=float(line.low_slope),
+        high=float(line.high_slope),
+        limit=limit_per_hour,
+        least=least,
+    )

@@ -10,6 +10,8 @@ import psutil
 QUANTITIES = ("MB", "threads", "files")
 LIMITS_PER_HOUR: Mapping[str, float] = {"MB": 4.0, "threads": 0.5, "files": 0.5}
 """Slopes that are no growth: 0.1 GB a day, which is what caches of a run still gain."""
+LEAST: Mapping[str, float] = {"MB": 3.0, "threads": 0.5, "files": 0.5}
+"""Changes that a short run cannot tell from noise."""
 
 
 @dataclass

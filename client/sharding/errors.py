@@ -8,7 +8,8 @@ StoreError
 ├─ ShardsMissing    not all of them are there and complete
 └─ ShardInUse       another process is writing to it
 LinkError
-└─ ShardFailed      a process that ran one has ended with an error
+├─ ShardFailed      a process that ran one has ended with an error
+└─ NoRay            no cluster answers at RAY_ADDRESS
 """
 
 from __future__ import annotations
@@ -134,6 +135,20 @@ class ShardFailed(LinkError):
             f"the process of shard {shard} has ended: {how}",
             expected="expected it to run all of its trials",
             action="look at what it said above",
+        )
+
+
+class NoRay(LinkError):
+    """A cluster that is not there."""
+
+    code = "E-NO-RAY"
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        super().__init__(
+            f"no Ray cluster answers at RAY_ADDRESS={address}",
+            expected="expected one, as: ray start --head",
+            action="start it, or unset RAY_ADDRESS to use this machine",
         )
 
 

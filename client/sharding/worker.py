@@ -18,9 +18,13 @@ from common.errors import LegatoError
 
 def main() -> int:
     """Run the shard; exit codes and errors are those of `legato eval --shard`."""
-    order = ShardOrder.model_validate_json(sys.argv[1])
     stop = threading.Event()
     threading.Thread(target=_stop_at_end, args=(sys.stdin, stop), daemon=True).start()
+    return run_order(ShardOrder.model_validate_json(sys.argv[1]), stop=stop)
+
+
+def run_order(order: ShardOrder, *, stop: threading.Event) -> int:
+    """Run a shard, tell on standard error how far it is and why it fails; return an exit code."""
     try:
         summary = run_shard(order, open_display=lambda: LineProgress(sys.stderr), stop=stop)
     except LegatoError as error:

@@ -59,6 +59,8 @@ def uses_shards(command: Eval) -> bool:
     if in_shards and command.out is None:
         given = "--shard" if command.workers is None else "--workers"
         raise WrongUse(program, f"{given} without --out", expected="the folder of the shards")
+    if command.ray and command.workers is None:
+        raise WrongUse(program, "--ray without --workers", expected="the number of shards")
     if command.out is not None and not in_shards:
         raise WrongUse(program, "--out without --shard or --workers", expected="one of them")
     if command.shard is not None and (command.json or command.report is not None):

@@ -1,4 +1,4 @@
-"""`legato eval --shard`, `legato eval --workers` and `legato eval merge`."""
+"""`legato eval --shard`, `legato eval --workers [--ray]` and `legato eval merge`."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from client.interrupts import INTERRUPTED, postpone_interrupts
 from client.progress import open_progress
 from client.request import build_request
 from client.sharding.merge import merge_shards
+from client.sharding.ray_tasks import run_on_ray
 from client.sharding.run import ShardOrder, ShardSummary, run_shard
 from client.sharding.shard import MAX_SHARDS, Shard
 from client.sharding.workers import run_workers
@@ -30,7 +31,8 @@ def run_shards(command: Eval) -> int:
     stop = threading.Event()
     with postpone_interrupts(stop):
         if command.shard is None:
-            complete = run_workers(orders, stop=stop)
+            run_all = run_on_ray if command.ray else run_workers
+            complete = run_all(orders, stop=stop)
         else:
             summary = run_shard(orders[0], open_display=open_progress, stop=stop)
             complete = summary.done == summary.trials

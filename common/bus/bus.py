@@ -12,6 +12,7 @@ import zenoh
 
 from common.bus.codec import encode, encoding_of
 from common.bus.inbox import Inbox, Received
+from common.bus.threads import KeptThreads
 from common.messages import Message, Mode, NodeDescription, NodeDown, NodeUp
 from common.topics import Topic, key_of, topic_of
 
@@ -60,6 +61,7 @@ class Bus:
         self._tokens: list[zenoh.LivelinessToken] = []
         self._keys: dict[tuple[str, str], Any] = {}
         self._encodings: dict[type[Message], zenoh.Encoding] = {}
+        self._threads = KeptThreads()
 
     def __enter__(self) -> Self:
         return self
@@ -113,6 +115,7 @@ class Bus:
         inbox.open_topic(topic)
 
         def store(sample: zenoh.Sample) -> None:
+            self._threads.keep()
             if sample.kind == zenoh.SampleKind.PUT:
                 inbox.put(
                     Received(

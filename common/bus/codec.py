@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import msgpack
 import ormsgpack
 from pydantic import ValidationError
@@ -13,6 +15,7 @@ from common.topics import Topic
 MEDIA_TYPE = "application/msgpack"
 
 
+@cache
 def encoding_of(message: type[Message]) -> str:
     """Zenoh encoding of a message type: media type and schema with version."""
     return f"{MEDIA_TYPE};{message.schema_name()}"
@@ -34,15 +37,16 @@ def decode(topic: Topic, encoding: str, payload: bytes) -> Message:
     expected = encoding_of(topic.message)
     if encoding != expected:
         raise SchemaMismatch(topic.name, expected, encoding)
-    schema = topic.message.schema_name()
     try:
         # msgpack bounds every length by the size of the buffer; ormsgpack has no such switches.
         fields = msgpack.unpackb(payload, raw=False, strict_map_key=True)
     except (ValueError, msgpack.UnpackException, msgpack.OutOfData) as error:
+        schema = topic.message.schema_name()
         raise MalformedMessage(topic.name, schema, f"not msgpack: {error}") from error
     try:
         return topic.message.model_validate(fields)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or "message"
+        schema = topic.message.schema_name()
         raise MalformedMessage(topic.name, schema, f"{where}: {first['msg']}") from error

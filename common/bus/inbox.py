@@ -9,15 +9,13 @@ from __future__ import annotations
 import queue
 import threading
 from collections import defaultdict, deque
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from common.messages import Message
 from common.topics import TOPICS, Topic, owner_of
 
 
-@dataclass(frozen=True, slots=True)
-class Received:
+class Received(NamedTuple):
     """Bytes as they came from the bus, not decoded yet."""
 
     topic: Topic

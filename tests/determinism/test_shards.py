@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import io
 import json
+import os
+import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -118,6 +121,30 @@ def test_workers_run_all_shards_and_go_on(tmp_path: Path, capsys):
     assert shown["cells"][0]["trace_sha256"] == single.evaluation.cells[0].trace_sha256
     assert cli.run([*grid, "--shard", "1/2"]) == 0
     assert "1 of 1 trials; it was complete, nothing was run" in capsys.readouterr().out
+
+
+@pytest.mark.long
+@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="the extra ray is not there")
+def test_shards_on_ray_are_one_run(tmp_path: Path):
+    """In a process of its own: Ray leaves threads and warnings behind."""
+    grid = ["eval", "--robot", "abstract", "--trials", "2", "--out", str(tmp_path / "shards")]
+    ended = subprocess.run(
+        [sys.executable, "-m", "client.main", *grid, "--workers", "2", "--ray", "--json"],
+        env={name: value for name, value in os.environ.items() if name != "RAY_ADDRESS"},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=True,
+    )
+    shown = json.loads(ended.stdout.splitlines()[-1])
+    single = run_in_process(SHORT, progress=LineProgress(io.StringIO()), stop=threading.Event())
+    assert shown["cells"][0]["trace_sha256"] == single.evaluation.cells[0].trace_sha256
+
+
+def test_without_ray_the_extra_is_named(tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    assert cli.run(["eval", "--workers", "2", "--ray", "--out", str(tmp_path)]) == 2
+    assert "pip install 'legato[ray]'" in capsys.readouterr().err
 
 
 def test_an_interrupted_shard_says_how_to_go_on(tmp_path: Path, monkeypatch, capsys):

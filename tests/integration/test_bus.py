@@ -17,6 +17,7 @@ import zenoh
 
 from common import messages as m
 from common.bus import Bus, BusSettings, Inbox, Received, decode, open_session
+from common.bus.threads import KeptThreads
 from common.errors import PortInUse, RouterUnreachable
 from common.topics import topic_of
 
@@ -284,3 +285,36 @@ def test_callbacks_are_direct():
             a for a in call.args if isinstance(a, ast.Call) and ast.unparse(a.func) == "_direct"
         ]
         assert len(handlers) == 1, ast.unparse(call)
+
+
+def test_a_thread_of_zenoh_keeps_its_state_from_one_callback_to_the_next():
+    """What is local to a thread is part of its state, and goes with it."""
+    kept, local = KeptThreads(), threading.local()
+    counted: list[int] = []
+    done = threading.Event()
+
+    def count(sample: zenoh.Sample) -> None:
+        kept.keep()
+        local.calls = getattr(local, "calls", 0) + 1
+        counted.append(local.calls)
+        if sample.payload.to_bytes() == b"last":
+            done.set()
+
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    settings = BusSettings("client", endpoint, "threads")
+    with (
+        open_session(BusSettings("router", endpoint)),
+        open_session(settings) as sender,
+        open_session(settings) as receiver,
+    ):
+        callback = zenoh.handlers.Callback(count, indirect=False)
+        with receiver.declare_subscriber("a", callback):
+            publisher = sender.declare_publisher("a")
+            deadline = time.monotonic() + 5.0
+            while not publisher.matching_status.matching and time.monotonic() < deadline:
+                time.sleep(0.01)
+            for number in range(20):
+                publisher.put(b"last" if number == 19 else b"")
+            assert done.wait(30.0)
+    # Zenoh receives on two threads.
+    assert max(counted) >= 10

@@ -40,7 +40,7 @@ def samples(*, per_hour: float, minutes: float = 20.0) -> tuple[list[float], lis
 
 
 def test_a_leak_is_found_and_its_slope_told():
-    growth = measure_growth(*samples(per_hour=20.0), limit_per_hour=4.0)
+    growth = measure_growth(*samples(per_hour=20.0), limit_per_hour=4.0, least=1.0)
     assert growth is not None
     assert growth.is_growing
     assert growth.is_certain
@@ -48,7 +48,7 @@ def test_a_leak_is_found_and_its_slope_told():
 
 
 def test_noise_around_a_level_is_no_growth():
-    growth = measure_growth(*samples(per_hour=0.0), limit_per_hour=4.0)
+    growth = measure_growth(*samples(per_hour=0.0), limit_per_hour=4.0, least=1.0)
     assert growth is not None
     assert not growth.is_growing
     assert growth.is_certain
@@ -58,7 +58,7 @@ def test_a_peak_and_what_happens_in_the_warm_up_are_no_growth():
     times_s, values = samples(per_hour=0.0)
     values[:200] = [value - 50.0 for value in values[:200]]
     values[800:860] = [value + 200.0 for value in values[800:860]]
-    growth = measure_growth(times_s, values, limit_per_hour=4.0)
+    growth = measure_growth(times_s, values, limit_per_hour=4.0, least=1.0)
     assert growth is not None
     assert not growth.is_growing
     assert growth.is_certain
@@ -66,15 +66,24 @@ def test_a_peak_and_what_happens_in_the_warm_up_are_no_growth():
 
 def test_one_more_thread_every_few_minutes_is_found():
     times_s = [float(second) for second in range(3600)]
-    growth = measure_growth(times_s, [7 + t // 300 for t in times_s], limit_per_hour=0.5)
+    growth = measure_growth(times_s, [7 + t // 300 for t in times_s], limit_per_hour=0.5, least=0.5)
     assert growth is not None
     assert growth.is_growing
 
 
+def test_a_small_step_in_a_short_run_is_not_certain():
+    times_s = [float(second) for second in range(180)]
+    values = [49.7 + 0.3 * min(1.0, max(0.0, time_s - 60.0) / 90.0) for time_s in times_s]
+    growth = measure_growth(times_s, values, limit_per_hour=4.0, least=1.0)
+    assert growth is not None
+    assert not growth.is_growing
+    assert not growth.is_certain
+
+
 def test_too_few_samples_say_nothing():
     times_s, values = samples(per_hour=20.0, minutes=1.0)
-    assert measure_growth(times_s, values, limit_per_hour=4.0) is None
-    assert measure_growth([], [], limit_per_hour=4.0) is None
+    assert measure_growth(times_s, values, limit_per_hour=4.0, least=1.0) is None
+    assert measure_growth([], [], limit_per_hour=4.0, least=1.0) is None
 
 
 def test_the_first_command_for_a_state_after_the_action_answers_the_frame():

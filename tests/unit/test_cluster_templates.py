@@ -90,8 +90,17 @@ def test_the_job_is_one_for_kubernetes(version):
 
 def test_an_index_of_the_job_runs_its_shard():
     container = JOB["spec"]["template"]["spec"]["containers"][0]
-    program, verb, *arguments = container["command"]
-    assert (program, verb) == ("legato", "eval")
+    # The image's own program is `legato`, with the camera's kernels laid out before it.
+    assert "command" not in container
+    verb, *arguments = container["args"]
+    assert verb == "eval"
     arguments = [word.replace("$(JOB_COMPLETION_INDEX)", "3") for word in arguments]
-    check_arguments([*arguments, *container["args"]], shard=Shard(3, JOB["spec"]["completions"]))
-    assert container["args"] == USED
+    check_arguments(arguments, shard=Shard(3, JOB["spec"]["completions"]))
+    assert arguments[-len(USED) :] == USED
+
+
+def test_the_image_of_the_job_is_a_target_of_the_dockerfile():
+    container = JOB["spec"]["template"]["spec"]["containers"][0]
+    target = container["image"].removeprefix("legato-").removesuffix(":latest")
+    dockerfile = (DEPLOY.parent / "Dockerfile").read_text(encoding="utf-8")
+    assert re.search(rf"^FROM \w+ AS {target}$", dockerfile, re.MULTILINE)

@@ -305,6 +305,8 @@ def test_the_code_is_known_by_its_sources(tmp_path, monkeypatch):
     [
         (["--shard", "0/2"], "--shard without --out"),
         (["--workers", "2"], "--workers without --out"),
+        (["--ray"], "--ray without --workers"),
+        (["--ray", "--shard", "0/2", "--out", "d"], "--ray without --workers"),
         (["--out", "d"], "--out without --shard or --workers"),
         (["--shard", "0/2", "--workers", "2", "--out", "d"], "--shard and --workers are given"),
         (["--shard", "0/2", "--out", "d", "--json"], "a shard has no results of its own"),
