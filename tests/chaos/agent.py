@@ -35,7 +35,7 @@ class ChaosAgent:
         self._system = system
         self._faults = draw_faults(seed, system)
         self._pauses = random.Random(seed)
-        self._mean_pause_s = mean_pause_s
+        self.mean_pause_s = mean_pause_s
         self._chronicle = chronicle
         self._stop = threading.Event()
         self._lasting: list[tuple[float, int, Fault, Callable[[], None]]] = []
@@ -65,7 +65,7 @@ class ChaosAgent:
             self._end_due(float("inf"))
 
     def _draw_pause_s(self) -> float:
-        return self._pauses.uniform(0.5, 1.5) * self._mean_pause_s
+        return self._pauses.uniform(0.5, 1.5) * self.mean_pause_s
 
     def _begin(self, fault: Fault) -> None:
         self.count += 1

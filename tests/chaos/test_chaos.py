@@ -4,22 +4,36 @@ from __future__ import annotations
 
 import os
 import sys
-from collections import Counter
+from collections import Counter, defaultdict
 from pathlib import Path
+from statistics import median
 
 import pytest
 
-from common.api import Trial
+from common.api import EvaluationRequest, Trial
 from tests.chaos.agent import ChaosAgent
 from tests.chaos.books import check_all
 from tests.chaos.chronicle import Chronicle
 from tests.chaos.memory import MemoryWatch
 from tests.chaos.recovery import Recovery, measure_recovery
-from tests.chaos.system import running_system
-from tests.chaos.workload import Workload, make_requests
+from tests.chaos.system import System, running_system
+from tests.chaos.workload import FIRST_SEED, Workload, make_requests
+from tests.deployments import wait_until_done
 
 pytestmark = pytest.mark.processes
 
+WAIT_S = 40.0
+"""For each evaluation; reached only by a test that fails."""
+CALM = EvaluationRequest(
+    tasks=["cup"],
+    robots=["abstract"],
+    policy="expert",
+    trials=4,
+    seed=FIRST_SEED,
+    pictures=False,
+)
+"""Runs before anything fails; two of its trials are run again among faults."""
+PAUSE_IN_TRIALS = 2.0
 READY_AGAIN_S = 30.0
 """A bound for slow machines; what was measured is printed."""
 LARGEST_MIB = 512.0
@@ -41,23 +55,45 @@ def test_thirty_evaluations_survive_faults(seed: int, tmp_path: Path, capsys):
 
 def run(seed: int, folder: Path, capsys, *, evaluations: int) -> None:
     """Everything that is asserted, then the figures."""
-    requests = make_requests(evaluations)
+    requests = [CALM, *make_requests(evaluations)]
     with Chronicle().kept() as chronicle:
         with running_system(folder, robots=("abstract", "panda"), cells=2) as system:
+            trial_s = time_a_trial(system)
             workload = Workload(system.client, requests)
-            agent = ChaosAgent(system, seed=seed, mean_pause_s=4.0, chronicle=chronicle)
+            pause_s = PAUSE_IN_TRIALS * trial_s
+            agent = ChaosAgent(system, seed=seed, mean_pause_s=pause_s, chronicle=chronicle)
             with MemoryWatch(lambda: system.supervisor.pids) as memory:
                 with agent:
-                    workload.run(deadline_s=20.0 * evaluations)
+                    workload.run(deadline_s=WAIT_S * evaluations)
                 recovery = measure_recovery(system, since_s=agent.last_s)
             trials = check_all(system.client, requests, folder)
             check_nothing_changed(workload, trials)
+            check_traces(trials)
             check_memory(memory)
             assert recovery.ready_s < READY_AGAIN_S
             assert not system.supervisor.given_up
         assert chronicle.killed == []
     with capsys.disabled():
-        sys.stdout.write(describe(seed, agent.count, trials, recovery, memory))
+        sys.stdout.write(describe(agent, trials, recovery, memory))
+
+
+def time_a_trial(system: System) -> float:
+    """Run the calm evaluation, which nothing disturbs; give the time that a trial takes [s].
+
+    Faults come in proportion to it, or nothing would ever end by itself on a slow machine.
+    """
+    evaluation = wait_until_done(system.client, system.client.submit(CALM).id)
+    trials = system.client.trials(evaluation.id)
+    return median(trial.result.wall_time_s for trial in trials if trial.result is not None)
+
+
+def check_traces(trials: list[Trial]) -> None:
+    """The same trial has the same trace, whatever happened around it."""
+    traces: defaultdict[tuple[str, str, int], set[str]] = defaultdict(set)
+    for trial in trials:
+        if trial.result is not None:
+            traces[trial.task, trial.robot, trial.seed].add(trial.result.trace_sha256)
+    assert {len(found) for found in traces.values()} == {1}
 
 
 def check_nothing_changed(workload: Workload, trials: list[Trial]) -> None:
@@ -76,16 +112,18 @@ def check_memory(memory: MemoryWatch) -> None:
 
 
 def describe(
-    seed: int, faults: int, trials: list[Trial], recovery: Recovery, memory: MemoryWatch
+    agent: ChaosAgent, trials: list[Trial], recovery: Recovery, memory: MemoryWatch
 ) -> str:
+    """The figures, for people."""
     ends = Counter(trial.status for trial in trials)
     attempts = sum(len(trial.attempts) for trial in trials)
     ended = ", ".join(f"{count} {status}" for status, count in sorted(ends.items()))
     largest = max(memory.peak_mib, key=memory.peak_mib.__getitem__)
     return (
-        f"\nseed {seed}: {faults} faults, {len(trials)} trials ({ended}), {attempts} attempts\n"
+        f"\n{agent.count} faults, one per {agent.mean_pause_s:.1f} s; "
+        f"{len(trials)} trials ({ended}) in {attempts} attempts\n"
         f"ready {recovery.ready_s:.2f} s and whole {recovery.whole_s:.2f} s after the last fault, "
-        f"load {os.getloadavg()[0]:.1f}\n"
+        f"at a load of {os.getloadavg()[0]:.0f} on {os.cpu_count()} processors\n"
         f"largest process {largest} {memory.peak_mib[largest]:.0f} MiB, "
         f"largest growth {max(memory.growth_mib.values(), default=0.0):.0f} MiB\n"
     )

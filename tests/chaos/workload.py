@@ -12,6 +12,7 @@ from common.api import EvaluationRequest, Trial
 ENDED = ("success", "failure", "aborted")
 POLL_S = 0.1
 UNAVAILABLE = 503
+FIRST_SEED = 1000
 
 
 class Workload:
@@ -19,7 +20,7 @@ class Workload:
 
     Args:
         client: Of the control plane.
-        requests: One per evaluation; their seeds differ, so that each is known by its seed.
+        requests: One per evaluation; no two are equal, so that each is known by its request.
         at_once: Evaluations that run at the same time.
     """
 
@@ -68,8 +69,10 @@ class Workload:
 
     def _submit(self, request: EvaluationRequest) -> str:
         # An answer may have been lost with a control plane that had written the request down.
-        known = {each.request.seed: each.id for each in self._client.evaluations()}
-        return known.get(request.seed) or self._client.submit(request).id
+        for each in self._client.evaluations():
+            if each.request == request:
+                return each.id
+        return self._client.submit(request).id
 
 
 def make_requests(count: int) -> list[EvaluationRequest]:
@@ -78,12 +81,12 @@ def make_requests(count: int) -> list[EvaluationRequest]:
 
 
 def _make_request(number: int) -> EvaluationRequest:
-    whole = number % 10 == 3
+    both = number % 2 == 1
     return EvaluationRequest(
-        tasks=["lid" if whole else "cup"],
-        robots=["abstract", "panda"] if number % 2 else ["abstract"],
+        tasks=["lid" if number % 10 == 3 else "cup"],
+        robots=["abstract", "panda"] if both else ["abstract"],
         policy="expert",
-        trials=1 if number % 2 else 2,
-        seed=1000 + number,
+        trials=1 if both else 2,
+        seed=FIRST_SEED + number,
         pictures=False,
     )
