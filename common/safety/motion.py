@@ -60,9 +60,13 @@ class MotionLaw:
             (axis.lower, axis.upper, 0.5 * axis.acceleration * dt_s, 2.0 * axis.acceleration)
             for axis in (() if limits.free_hand else limits.axes)
         ]
-        # Largest speed and largest change of it, with the slack.
+        # Largest speed, largest change of it, and the largest of braking, with the slack.
         self._widths = [
-            (share * axis.velocity, share * axis.acceleration * dt_s) for axis in limits.axes
+            tuple(
+                share * most
+                for most in (axis.velocity, axis.acceleration * dt_s, axis.stop_acceleration * dt_s)
+            )
+            for axis in limits.axes
         ]
 
     def check(self, wanted: Setpoint) -> None:
@@ -94,12 +98,12 @@ class MotionLaw:
                 return False
         step = self._space.subtract(wanted.positions, now.positions)
         dt_s = self._dt_s
-        for d, v, v_now, (fastest, change) in zip(
+        for d, v, v_now, (fastest, change, braking) in zip(
             step, wanted.velocities, now.velocities, self._widths, strict=True
         ):
             if not (
                 -fastest <= v <= fastest
-                and -change <= v - v_now <= change
+                and (-change <= v - v_now <= change or _brakes(v_now, v, braking))
                 and -_MISMATCH <= d - dt_s * v <= _MISMATCH
             ):
                 return False
@@ -109,7 +113,7 @@ class MotionLaw:
         """Which limits the positions of a set-point break, whatever velocity it claims."""
         step = self._space.subtract(wanted.positions, now.positions)
         speeds = [d / self._dt_s for d in step]
-        fastest = [most for most, _ in self._widths]
+        fastest = [most for most, _, _ in self._widths]
         return Violation(
             position=not all(self._can_stop(i, now, wanted) for i in range(len(self._ranges))),
             velocity=any(
@@ -117,8 +121,10 @@ class MotionLaw:
                 for v, claimed, most in zip(speeds, wanted.velocities, fastest, strict=True)
             ),
             acceleration=any(
-                abs(v - v_now) > change
-                for v, v_now, (_, change) in zip(speeds, now.velocities, self._widths, strict=True)
+                abs(v - v_now) > change and not _brakes(v_now, v, braking)
+                for v, v_now, (_, change, braking) in zip(
+                    speeds, now.velocities, self._widths, strict=True
+                )
             ),
         )
 
@@ -176,3 +182,8 @@ class MotionLaw:
             -min(axis.velocity, stopping_speed(room_below, A, self._dt_s)),
             min(axis.velocity, stopping_speed(room_above, A, self._dt_s)),
         )
+
+
+def _brakes(v_now: float, v: float, most: float) -> bool:
+    """Whether a change of velocity only slows down, by no more than a stop may."""
+    return v * v_now >= 0.0 and abs(v) <= abs(v_now) and abs(v - v_now) <= most
