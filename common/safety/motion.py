@@ -42,6 +42,7 @@ class MotionLaw:
         v+ = clip(clip(w, lo, up), v - A dt, v + A dt),   q+ = q + v+ dt
 
     with `vstop` of `common.braking`: whoever keeps to it can brake before the end of its range.
+    Where v+ only slows down, A is that of a stop.
 
     Args:
         limits: Of the robot.
@@ -145,23 +146,22 @@ class MotionLaw:
         ]
         return self.advance(now, w)
 
-    def advance(self, now: Setpoint, w: list[float]) -> Setpoint:
-        """One tick at a wanted velocity, within all limits."""
-        return self._advance(now, w, [axis.acceleration for axis in self._axes])
-
     def brake(self, now: Setpoint) -> Setpoint:
         """One tick of braking, as hard as a stop may be."""
-        return self._advance(now, [0.0] * self._nv, [axis.stop_acceleration for axis in self._axes])
+        return self.advance(now, [0.0] * self._nv)
 
-    def _advance(self, now: Setpoint, w: list[float], accelerations: list[float]) -> Setpoint:
-        dt_s = self._dt_s
+    def advance(self, now: Setpoint, w: list[float]) -> Setpoint:
+        """One tick at a wanted velocity, within all limits."""
         velocities = list[float]()
-        for i, (wanted, A) in enumerate(zip(w, accelerations, strict=True)):
-            low, up = self._find_window(i, now.positions[i], A)
+        for i, (wanted, axis) in enumerate(zip(w, self._axes, strict=True)):
+            low, up = self._find_window(i, now.positions[i], axis.acceleration)
             v_now = now.velocities[i]
-            v = min(max(wanted, low), up)
-            velocities.append(min(max(v, v_now - A * dt_s), v_now + A * dt_s))
-        step = [dt_s * v for v in velocities]
+            change = axis.acceleration * self._dt_s
+            braking = axis.stop_acceleration * self._dt_s
+            least = min(v_now - change, max(0.0, v_now - braking))
+            most = max(v_now + change, min(0.0, v_now + braking))
+            velocities.append(min(max(min(max(wanted, low), up), least), most))
+        step = [self._dt_s * v for v in velocities]
         return Setpoint(self._space.add(now.positions, step), velocities)
 
     def _can_stop(self, i: int, now: Setpoint, wanted: Setpoint) -> bool:

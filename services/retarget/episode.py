@@ -26,8 +26,8 @@ from services.retarget.retargeter import Retargeter
 log = logging.getLogger(__name__)
 
 POLICY_SILENCE_TICKS = 13
-"""Real time: so long after an action was taken the next is overdue, and the robot is braked until it
-comes. An action lasts ten ticks; three more are for its successor's delay."""
+"""Real time: so long after an action was taken the next is overdue, and the robot is braked until
+it comes. An action lasts ten ticks; three more are for its successor's delay."""
 
 
 class RetargetEpisode:
@@ -90,8 +90,9 @@ class RetargetEpisode:
         if due is None:
             return []
         self._waiting = None
+        missed = state.header.step - self._answered - 1
         self._answered = state.header.step
-        self._answer = self._answer_state(state, due)
+        self._answer = self._answer_state(state, due, missed)
         return self._answer
 
     def _list_due(self, state: RobotState) -> list[PolicyAction] | None:
@@ -112,7 +113,9 @@ class RetargetEpisode:
             }
         return actions
 
-    def _answer_state(self, state: RobotState, due: list[PolicyAction]) -> list[Message]:
+    def _answer_state(
+        self, state: RobotState, due: list[PolicyAction], missed: int
+    ) -> list[Message]:
         retargeter = self._retargeter
         T_world_tool = retargeter.compute_tool_pose(state.positions)
         if self._reference is None or self._lag is None:
@@ -129,7 +132,7 @@ class RetargetEpisode:
         started = time.perf_counter()
         if self._policy_is_silent(state):
             T_world_wanted = retargeter.T_world_hand
-            motion = retargeter.brake()
+            motion = retargeter.brake(missed + 1)
             self._reference.rest_at(retargeter.T_world_hand)
             self._lag.rest_at(retargeter.T_world_hand)
         else:
@@ -151,7 +154,7 @@ class RetargetEpisode:
         return [command] if status is None else [status, command]
 
     def _policy_is_silent(self, state: RobotState) -> bool:
-        """Real time: whether the next action is overdue; before the first there is none to wait for.
+        """Real time: whether the next action is overdue; before the first none is.
 
         What is left of a chunk does not count: it was planned from what was seen long ago.
         """

@@ -49,8 +49,8 @@ class Retargeter(Protocol):
         """Plan one tick; `measured` are the positions of the state it answers."""
         ...
 
-    def brake(self) -> Motion:
-        """One tick of coming to rest, or of resting, as hard as the robot may be stopped."""
+    def brake(self, ticks: int) -> Motion:
+        """Some ticks of coming to rest, or of resting, as hard as the robot may be stopped."""
         ...
 
 
@@ -86,8 +86,9 @@ class IdentityRetargeter:
             failures=0,
         )
 
-    def brake(self) -> Motion:
+    def brake(self, ticks: int) -> Motion:
         """Stay: there is no mass to be stopped."""
+        del ticks
         return Motion(
             positions=pose_to_wire(self._T_world_hand),
             velocities=[0.0] * 6,

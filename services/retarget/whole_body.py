@@ -143,10 +143,15 @@ class WholeBodyRetargeter:
             failures=solution.failures,
         )
 
-    def brake(self) -> Motion:
-        """One tick of coming to rest, every joint for itself: a+ = a - clip(a, -A dt, A dt)."""
-        self._a = self._a - np.clip(self._a, -self._stop_change, self._stop_change)
-        self._q = self._q + TICK_S * self._a
+    def brake(self, ticks: int) -> Motion:
+        """Come to rest, every joint for itself: a+ = a - clip(a, -A dt, A dt), for some ticks.
+
+        Args:
+            ticks: How many have passed: states that were missed do not make a stop longer.
+        """
+        for _ in range(ticks):
+            self._a = self._a - np.clip(self._a, -self._stop_change, self._stop_change)
+            self._q = self._q + TICK_S * self._a
         self._sent.append(self._q)
         return Motion(
             positions=self._q.tolist(),
