@@ -531,7 +531,7 @@ class EmergencyStopped(SafetyError):
         self.reason = reason
         super().__init__(
             f"emergency stop of {cell} by {by}" + (f" ({reason})" if reason else ""),
-            expected="expected nobody to need it",
+            expected="the robot holds its pose until it is reset",
             action=f"when it is safe to move, run: legato reset --cell {cell}",
         )
 

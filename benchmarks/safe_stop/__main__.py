@@ -20,13 +20,14 @@ from common.robots import list_robots
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.safe_stop", description=__doc__)
     parser.add_argument("--robot", action="append", choices=list_robots(), help="default: all")
+    parser.add_argument("--fault", action="append", choices=FAULTS, help="default: all")
     args = parser.parse_args()
     robots = args.robot or list_robots()
     rows: list[tuple[str, ...]] = []
     failures = 0
     with tempfile.TemporaryDirectory() as folder, open_cell(Path(folder), robots) as cell:
         for robot in robots:
-            for fault in FAULTS:
+            for fault in args.fault or FAULTS:
                 try:
                     measured = cell.measure(robot, fault)
                 except NeverMoved as error:

@@ -78,7 +78,7 @@ class Guard:
             LegatoError: A fault is latched.
         """
         if self._latch.fault is not None:
-            raise self._latch.fault
+            raise self._latch.fault.with_traceback(None)
         self.status = "running"
 
     def offer(self, command: Setpoint, *, made_s: float) -> None:

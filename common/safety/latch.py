@@ -34,7 +34,8 @@ class SafetyLatch:
             EmergencyStopped: It is latched.
         """
         if isinstance(self._fault, EmergencyStopped):
-            raise self._fault
+            # Without the traces of earlier times, which would pile up.
+            raise self._fault.with_traceback(None)
         self._fault = None
 
     def reset(self) -> None:

@@ -42,6 +42,7 @@ class MotionLaw:
         v+ = clip(clip(w, lo, up), v - A dt, v + A dt),   q+ = q + v+ dt
 
     with `vstop` of `common.braking`: whoever keeps to it can brake before the end of its range.
+    Where v+ only slows down, A is that of a stop.
 
     Args:
         limits: Of the robot.
@@ -60,9 +61,13 @@ class MotionLaw:
             (axis.lower, axis.upper, 0.5 * axis.acceleration * dt_s, 2.0 * axis.acceleration)
             for axis in (() if limits.free_hand else limits.axes)
         ]
-        # Largest speed and largest change of it, with the slack.
+        # Largest speed, largest change of it, and the largest of braking, with the slack.
         self._widths = [
-            (share * axis.velocity, share * axis.acceleration * dt_s) for axis in limits.axes
+            tuple(
+                share * most
+                for most in (axis.velocity, axis.acceleration * dt_s, axis.stop_acceleration * dt_s)
+            )
+            for axis in limits.axes
         ]
 
     def check(self, wanted: Setpoint) -> None:
@@ -94,12 +99,12 @@ class MotionLaw:
                 return False
         step = self._space.subtract(wanted.positions, now.positions)
         dt_s = self._dt_s
-        for d, v, v_now, (fastest, change) in zip(
+        for d, v, v_now, (fastest, change, braking) in zip(
             step, wanted.velocities, now.velocities, self._widths, strict=True
         ):
             if not (
                 -fastest <= v <= fastest
-                and -change <= v - v_now <= change
+                and (-change <= v - v_now <= change or _brakes(v_now, v, braking))
                 and -_MISMATCH <= d - dt_s * v <= _MISMATCH
             ):
                 return False
@@ -109,7 +114,7 @@ class MotionLaw:
         """Which limits the positions of a set-point break, whatever velocity it claims."""
         step = self._space.subtract(wanted.positions, now.positions)
         speeds = [d / self._dt_s for d in step]
-        fastest = [most for most, _ in self._widths]
+        fastest = [most for most, _, _ in self._widths]
         return Violation(
             position=not all(self._can_stop(i, now, wanted) for i in range(len(self._ranges))),
             velocity=any(
@@ -117,8 +122,10 @@ class MotionLaw:
                 for v, claimed, most in zip(speeds, wanted.velocities, fastest, strict=True)
             ),
             acceleration=any(
-                abs(v - v_now) > change
-                for v, v_now, (_, change) in zip(speeds, now.velocities, self._widths, strict=True)
+                abs(v - v_now) > change and not _brakes(v_now, v, braking)
+                for v, v_now, (_, change, braking) in zip(
+                    speeds, now.velocities, self._widths, strict=True
+                )
             ),
         )
 
@@ -139,23 +146,22 @@ class MotionLaw:
         ]
         return self.advance(now, w)
 
-    def advance(self, now: Setpoint, w: list[float]) -> Setpoint:
-        """One tick at a wanted velocity, within all limits."""
-        return self._advance(now, w, [axis.acceleration for axis in self._axes])
-
     def brake(self, now: Setpoint) -> Setpoint:
         """One tick of braking, as hard as a stop may be."""
-        return self._advance(now, [0.0] * self._nv, [axis.stop_acceleration for axis in self._axes])
+        return self.advance(now, [0.0] * self._nv)
 
-    def _advance(self, now: Setpoint, w: list[float], accelerations: list[float]) -> Setpoint:
-        dt_s = self._dt_s
+    def advance(self, now: Setpoint, w: list[float]) -> Setpoint:
+        """One tick at a wanted velocity, within all limits."""
         velocities = list[float]()
-        for i, (wanted, A) in enumerate(zip(w, accelerations, strict=True)):
-            low, up = self._find_window(i, now.positions[i], A)
+        for i, (wanted, axis) in enumerate(zip(w, self._axes, strict=True)):
+            low, up = self._find_window(i, now.positions[i], axis.acceleration)
             v_now = now.velocities[i]
-            v = min(max(wanted, low), up)
-            velocities.append(min(max(v, v_now - A * dt_s), v_now + A * dt_s))
-        step = [dt_s * v for v in velocities]
+            change = axis.acceleration * self._dt_s
+            braking = axis.stop_acceleration * self._dt_s
+            least = min(v_now - change, max(0.0, v_now - braking))
+            most = max(v_now + change, min(0.0, v_now + braking))
+            velocities.append(min(max(min(max(wanted, low), up), least), most))
+        step = [self._dt_s * v for v in velocities]
         return Setpoint(self._space.add(now.positions, step), velocities)
 
     def _can_stop(self, i: int, now: Setpoint, wanted: Setpoint) -> bool:
@@ -176,3 +182,8 @@ class MotionLaw:
             -min(axis.velocity, stopping_speed(room_below, A, self._dt_s)),
             min(axis.velocity, stopping_speed(room_above, A, self._dt_s)),
         )
+
+
+def _brakes(v_now: float, v: float, most: float) -> bool:
+    """Whether a change of velocity only slows down, by no more than a stop may."""
+    return v * v_now >= 0.0 and abs(v) <= abs(v_now) and abs(v - v_now) <= most

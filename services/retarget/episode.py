@@ -26,9 +26,9 @@ from services.retarget.retargeter import Retargeter
 
 log = logging.getLogger(__name__)
 
-ACTION_AGE_LIMIT_TICKS = 15
-"""Real time: later than this after its frame no step of a chunk begins. One lost action is bridged;
-when the policy is gone, the hand is at rest 0.3 s later."""
+POLICY_SILENCE_TICKS = 13
+"""Real time: so long after an action was taken the next is overdue, and the robot is braked until
+it comes. An action lasts ten ticks; three more are for its successor's delay."""
 
 
 class RetargetEpisode:
@@ -53,6 +53,7 @@ class RetargetEpisode:
         self._lag: TrackingLag | None = None
         self._actions: dict[int, PolicyAction] = {}
         self._newest_taken = -1
+        self._acted_step: int | None = None
         self._waiting: RobotState | None = None
         self._answered = -1
         self._answer: list[Message] = []
@@ -90,8 +91,9 @@ class RetargetEpisode:
         if due is None:
             return []
         self._waiting = None
+        missed = state.header.step - self._answered - 1
         self._answered = state.header.step
-        self._answer = self._answer_state(state, due)
+        self._answer = self._answer_state(state, due, missed)
         return self._answer
 
     def _list_due(self, state: RobotState) -> list[PolicyAction] | None:
@@ -112,7 +114,9 @@ class RetargetEpisode:
             }
         return actions
 
-    def _answer_state(self, state: RobotState, due: list[PolicyAction]) -> list[Message]:
+    def _answer_state(
+        self, state: RobotState, due: list[PolicyAction], missed: int
+    ) -> list[Message]:
         retargeter = self._retargeter
         T_world_tool = retargeter.compute_tool_pose(state.positions)
         if self._reference is None or self._lag is None:
@@ -125,12 +129,17 @@ class RetargetEpisode:
             retargeter.start(state.positions)
         for action in due:
             self._reference.take(action.steps)
-        if self._policy_is_silent(state):
-            self._reference.end_chunk()
-        wanted = self._reference.advance()
-        reference = self._lag.follow(wanted)
+            self._acted_step = state.header.step
         started = time.perf_counter()
-        motion = retargeter.follow(reference, state.positions)
+        if self._policy_is_silent(state):
+            T_world_wanted = retargeter.T_world_hand
+            motion = retargeter.brake(missed + 1)
+            self._reference.rest_at(retargeter.T_world_hand)
+            self._lag.rest_at(retargeter.T_world_hand)
+        else:
+            wanted = self._reference.advance()
+            T_world_wanted = wanted.T_world_start
+            motion = retargeter.follow(self._lag.follow(wanted), state.positions)
         solve_time_s = time.perf_counter() - started
         # The runner stamps source, sequence number and time.
         command = RobotCommand(
@@ -140,15 +149,19 @@ class RetargetEpisode:
             positions=motion.positions,
             velocities=motion.velocities,
         )
-        self._expected.append(wanted.T_world_start)
+        self._expected.append(T_world_wanted)
         tick = TickRecord(self._expected[0], T_world_tool, motion, solve_time_s)
         status = self._report.add(tick, state.header)
         return [command] if status is None else [status, command]
 
     def _policy_is_silent(self, state: RobotState) -> bool:
-        """Real time: whether the newest action is too old for the rest of its chunk."""
-        age = state.header.step - self._newest_taken
-        return self.configure.mode == "realtime" and age > ACTION_AGE_LIMIT_TICKS
+        """Real time: whether the next action is overdue; before the first none is.
+
+        What is left of a chunk does not count: it was planned from what was seen long ago.
+        """
+        if self.configure.mode != "realtime" or self._acted_step is None:
+            return False
+        return state.header.step - self._acted_step > POLICY_SILENCE_TICKS
 
     def _is_usable(self, state: RobotState) -> bool:
         """Whether a state is one of this robot; the first that is not is told of."""

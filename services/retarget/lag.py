@@ -28,6 +28,10 @@ class TrackingLag:
         self._share = 1.0 if lag_s == 0.0 else 1.0 - math.exp(-TICK_S / lag_s)
         self._T_world_now = T_world_start.copy()
 
+    def rest_at(self, T_world_hand: Array) -> None:
+        """Let the hand be at a pose (4, 4) now."""
+        self._T_world_now = T_world_hand.copy()
+
     def follow(self, reference: TickReference) -> TickReference:
         """The reference of one tick as the hand is allowed to follow it."""
         if self._share == 1.0:

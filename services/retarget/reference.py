@@ -172,9 +172,13 @@ class GripperReference:
         self._setpoint.replace(steps)
         self._aim_at_next_step()
 
-    def end_chunk(self) -> None:
-        """Come to rest at the waypoint that is under way; what was left of the chunk is dropped."""
+    def rest_at(self, T_world_hand: Array) -> None:
+        """Stay at a pose (4, 4) until the next action; what was left of a chunk is dropped.
+
+        The set-point stays where it is: the next action's steps are composed on it.
+        """
         self._setpoint.replace(())
+        self._interpolator = WaypointInterpolator(T_world_hand)
 
     def advance(self) -> TickReference:
         """Move on by one tick; a chunk continues whenever its last waypoint is reached."""

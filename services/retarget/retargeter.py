@@ -49,6 +49,10 @@ class Retargeter(Protocol):
         """Plan one tick; `measured` are the positions of the state it answers."""
         ...
 
+    def brake(self, ticks: int) -> Motion:
+        """Some ticks of coming to rest, or of resting, as hard as the robot may be stopped."""
+        ...
+
 
 class IdentityRetargeter:
     """A free hand is where the reference is."""
@@ -78,6 +82,17 @@ class IdentityRetargeter:
             positions=pose_to_wire(T),
             velocities=[*reference.twist[:3].tolist(), *angular.tolist()],
             scaling=[1.0],
+            active_limits=[],
+            failures=0,
+        )
+
+    def brake(self, ticks: int) -> Motion:
+        """Stay: there is no mass to be stopped."""
+        del ticks
+        return Motion(
+            positions=pose_to_wire(self._T_world_hand),
+            velocities=[0.0] * 6,
+            scaling=[0.0],
             active_limits=[],
             failures=0,
         )

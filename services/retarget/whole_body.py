@@ -52,6 +52,9 @@ class WholeBodyRetargeter:
         self._H = np.array([joint.level1_weight for joint in spec.joints])
         self._W = np.array([joint.level2_weight for joint in spec.joints])
         self._T = np.array([1.0, 1.0, 1.0, *[self._gains.rotation_scale_m] * 3])
+        self._stop_change = TICK_S * np.array(
+            [joint.stop_acceleration or joint.acceleration_limit for joint in spec.joints]
+        )
         self._bounds = JointBounds(list_limits(model), dt_s=TICK_S)
         self._latency_ticks = round(spec.command_latency_s / TICK_S)
         gains = self._gains
@@ -96,6 +99,8 @@ class WholeBodyRetargeter:
         shapes = [LevelShape(6, self._model.hand_joints)]
         if self._head:
             shapes.append(self._head.shape)
+        # The posture's is the last.
+        self._levels = len(shapes) + 1
         self._hierarchy = Hierarchy(
             H=self._H,
             W=self._W,
@@ -136,6 +141,24 @@ class WholeBodyRetargeter:
             scaling=solution.scaling,
             active_limits=self._list_active(box, rows),
             failures=solution.failures,
+        )
+
+    def brake(self, ticks: int) -> Motion:
+        """Come to rest, every joint for itself: a+ = a - clip(a, -A dt, A dt), for some ticks.
+
+        Args:
+            ticks: How many have passed: states that were missed do not make a stop longer.
+        """
+        for _ in range(ticks):
+            self._a = self._a - np.clip(self._a, -self._stop_change, self._stop_change)
+            self._q = self._q + TICK_S * self._a
+        self._sent.append(self._q)
+        return Motion(
+            positions=self._q.tolist(),
+            velocities=self._a.tolist(),
+            scaling=[0.0] * self._levels,
+            active_limits=[],
+            failures=0,
         )
 
     def _predict(self, measured: Sequence[float] | None) -> Array | None:
