@@ -25,7 +25,7 @@ from common.api import (
 from common.errors import NotReady
 from common.messages.base import Name
 from services.control import sse
-from services.control.access import ADMIN, OPEN, OPERATE, VIEW, GuardedRoute
+from services.control.access import ADMIN, OPEN, OPERATE, STOP, VIEW, GuardedRoute
 from services.control.plane import Plane
 
 LARGEST_INT = 2**63 - 1
@@ -141,7 +141,7 @@ def get_cells(plane: Plane) -> list[CellInfo]:
     return list(plane.deployment.cells.infos)
 
 
-@api.post("/stop", openapi_extra=OPERATE)
+@api.post("/stop", openapi_extra=STOP)
 def post_stop(request: StopRequest, plane: Plane) -> list[CellInfo]:
     """Emergency stop: the cells' robots brake and hold until they are reset."""
     return plane.stop_cells(request)
