@@ -49,8 +49,13 @@ class Secure:
         source = "retarget-abstract"
         with interfering(self.settings("viewer"), self.settings(role), source=source) as answered:
             trial = self.evaluate("expert")
-        assert answered
+        assert answered, endings(trial)
         return trial
+
+
+def endings(trial: Trial) -> list[tuple[str, str]]:
+    """How each attempt at a trial ended, and why."""
+    return [(attempt.outcome, attempt.reason) for attempt in trial.attempts]
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +84,7 @@ def test_the_expert_and_the_shipped_policy_are_evaluated(secure, undisturbed):
 
 def test_commands_of_a_policy_host_have_no_effect(secure, undisturbed):
     trial = secure.disturb("policy")
-    assert [attempt.outcome for attempt in trial.attempts] == ["success"]
+    assert endings(trial) == endings(undisturbed)
     assert trial.result.trace_sha256 == undisturbed.result.trace_sha256
 
 
