@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from client.api import LegatoClient
-from client.deployment import Deployment, find_free_ports
+from client.deployment import Deployment, find_free_ports, is_port_free
 from client.readiness import wait_until_ready
 from client.supervisor import Supervisor, open_deployment
 from common.api import Evaluation, Trial
@@ -43,6 +43,14 @@ def running(
         supervisor.start()
         wait_until_ready(client, deployment, given_up=lambda: supervisor.given_up, deadline_s=60.0)
         yield deployment, supervisor, client
+
+
+def first_of_free_ports() -> int:
+    """A port that is free like the few after it: one per process of a small deployment."""
+    for first in find_free_ports(20):
+        if first <= 65000 and all(map(is_port_free, range(first, first + 10))):
+            return first
+    raise AssertionError("no row of free ports")
 
 
 def kill(supervisor: Supervisor, node: str) -> int:

@@ -36,6 +36,10 @@ class Scrape:
         assert len(found) == 1, (name, labels, found)
         return found[0]
 
+    def each(self, metric: Metric) -> Iterator[tuple[dict[str, str], float]]:
+        """Labels and value of every series of a counter or gauge."""
+        return ((each.labels, each.value) for each in self.series if each.name == metric.name)
+
     def labels(self, prefix: str) -> Iterator[dict[str, str]]:
         """Labels of every series whose name begins so."""
         return (each.labels for each in self.series if each.name.startswith(prefix))

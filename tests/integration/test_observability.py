@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from client.deployment import Deployment, find_free_ports, is_port_free
+from client.deployment import Deployment
 from common.api import Evaluation, EvaluationRequest
 from common.metrics import METRICS
 from common.metrics import table as t
-from tests.deployments import running, wait_until_done
+from tests.deployments import first_of_free_ports, running, wait_until_done
 from tests.metrics_scrape import Scrape, scrape
 
 pytestmark = pytest.mark.processes
@@ -40,14 +40,6 @@ def wait_until(condition: Callable[[], bool]) -> None:
             return
         pause.wait(0.1)
     raise AssertionError("waited in vain")
-
-
-def first_of_free_ports() -> int:
-    """A port that is free like the few after it."""
-    for first in find_free_ports(20):
-        if first <= 65000 and all(map(is_port_free, range(first, first + 8))):
-            return first
-    raise AssertionError("no row of free ports")
 
 
 @pytest.fixture(scope="module")
