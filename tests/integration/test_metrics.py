@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import socket
 import sys
 import threading
@@ -18,6 +19,7 @@ from common.metrics import METRICS, MetricsSettings, Sample
 from common.metrics import table as t
 from common.metrics.endpoint import open_exporter
 from common.metrics.exporter import Exporter
+from common.process import METRICS_HOST, METRICS_PORT, add_bus_options, metrics_settings
 from common.service import AnyMessage, Reactor, run_process
 from tests.metrics_scrape import Scrape, scrape
 
@@ -120,8 +122,31 @@ def test_two_nodes_of_one_process_do_not_share_their_metrics():
     assert second.registry.get_sample_value(name, {"node": "b"}) == 0
 
 
-def test_the_listener_is_for_this_machine_only():
-    assert MetricsSettings(port=0).host == "127.0.0.1"
+def options(*arguments: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    add_bus_options(parser, default_node="a")
+    return parser.parse_args(arguments)
+
+
+def test_without_an_option_there_is_no_listener(monkeypatch):
+    monkeypatch.delenv(METRICS_PORT, raising=False)
+    monkeypatch.delenv(METRICS_HOST, raising=False)
+    assert metrics_settings(options()) is None
+    given = metrics_settings(options("--metrics-port=9464"))
+    assert given == MetricsSettings(port=9464, host="127.0.0.1")
+
+
+def test_containers_are_told_by_their_environment(monkeypatch):
+    monkeypatch.setenv(METRICS_PORT, "9464")
+    monkeypatch.setenv(METRICS_HOST, "0.0.0.0")
+    assert metrics_settings(options()) == MetricsSettings(port=9464, host="0.0.0.0")
+    given = metrics_settings(options("--metrics-port=1", "--metrics-host=127.0.0.1"))
+    assert given == MetricsSettings(port=1, host="127.0.0.1")
+
+
+def test_a_port_that_cannot_be_is_refused():
+    with pytest.raises(InvalidValue, match="--metrics-port"):
+        metrics_settings(options("--metrics-port=65536"))
 
 
 def test_text_is_what_prometheus_parses(port: int):

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import socket
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 from client.commands import Up
 from client.deployment import HOST, Deployment, find_free_ports, is_port_free
 from client.errors import NodesMissing, ProcessGaveUp
-from client.processes import RestartPolicy, read_last_line
+from client.processes import RestartPolicy, read_last_line, spawn
 from client.readiness import find_missing, wait_until_ready
 from client.verbs import deploy
 from client.verbs.deploy import up
@@ -43,6 +44,39 @@ def test_checkpoints_go_to_the_policy_service(tmp_path):
         arguments = [each for _, own in shown.values() for each in own if each.startswith(given)]
         assert arguments == ([] if checkpoints is None else [f"{given}{tmp_path}"])
         assert set(arguments) <= set(shown["policy"][1])
+
+
+def test_each_process_has_a_port_of_its_own_for_metrics(tmp_path):
+    assert list(Deployment().metrics_ports()) == []
+    deployment = Deployment(robots=("abstract",), metrics_port=9464, data=tmp_path)
+    shown = commands(deployment)
+    assert [own[-1] for _, own in shown.values()] == [
+        f"--metrics-port={port}" for port in range(9464, 9470)
+    ]
+    deployment.write_targets()
+    targets = json.loads(deployment.targets.read_text())
+    assert targets[0] == {"targets": ["127.0.0.1:9464"], "labels": {"process": "router"}}
+    assert [each["labels"]["process"] for each in targets] == list(shown)
+
+
+def test_ports_of_metrics_are_checked_up_front():
+    with socket.create_server((HOST, 0)) as server:
+        taken = server.getsockname()[1]
+        rest, router = find_free_ports(2)
+        with pytest.raises(PortInUse, match=rf"port {taken} .*metrics"):
+            Deployment(rest_port=rest, router_port=router, metrics_port=taken).check_ports()
+    with pytest.raises(InvalidValue, match="--metrics-port"):
+        up(Up(metrics_port=65535))
+
+
+def test_a_port_of_the_environment_is_not_given_to_every_process(tmp_path, monkeypatch):
+    monkeypatch.setenv("LEGATO_METRICS_PORT", "9464")
+    path = tmp_path / "out"
+    with path.open("wb") as output:
+        spawn("tests.print_environment", (), output).wait(60)
+    shown = path.read_text().split()
+    assert "OMP_NUM_THREADS" in shown
+    assert "LEGATO_METRICS_PORT" not in shown
 
 
 def test_a_folder_of_checkpoints_that_is_not_there_is_refused_up_front(tmp_path):
