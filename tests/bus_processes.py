@@ -19,12 +19,17 @@ FRAME_BYTES = 2 * SIDE * SIDE
 
 
 def make(topic: str, seq: int) -> Message:
-    """A message of a topic, as large as those of a real cell; a frame is of noise."""
+    """A stereo frame or a picture of the same size, both of noise."""
     header = m.Header(cell=CELL, epoch=1, seq=seq, step=seq)
-    if topic == "policy/action":
-        still = m.ActionStep(translation_m=[0.0] * 3, rotation_rad=[0.0] * 3, grasp=False)
-        return m.PolicyAction(
-            header=header, for_step=seq, request_t_mono_ns=0, steps=[still], inference_s=0.0
+    if topic == "episode/picture":
+        return m.EpisodePicture(
+            header=header,
+            moment="end",
+            view="scene",
+            width=2 * SIDE,
+            height=SIDE,
+            channels=1,
+            pixels=os.urandom(FRAME_BYTES),
         )
     eye = os.urandom(SIDE * SIDE)
     return m.StereoFrame(
