@@ -110,6 +110,15 @@ def test_prometheus_asks_every_service_of_the_compose_file():
     assert environment["LEGATO_METRICS_PORT"] == str(source["port"])
 
 
+def test_prometheus_is_asked_for_and_for_this_machine_only():
+    service = yaml.safe_load((ROOT / "compose.yaml").read_text())["services"]["prometheus"]
+    assert service["profiles"] == ["observe"]
+    assert [port.split(":")[0] for port in service["ports"]] == ["127.0.0.1"]
+    assert service["read_only"] is True
+    assert set(service["networks"]) == {"bus", "observe"}
+    assert (PROMETHEUS / Path(service["command"][0]).name).is_file()
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
