@@ -33,7 +33,7 @@ CALM = EvaluationRequest(
     pictures=False,
 )
 """Runs before anything fails; two of its trials are run again among faults."""
-PAUSE_IN_TRIALS = 2.0
+PAUSE_IN_TRIALS = 1.5
 READY_AGAIN_S = 30.0
 """A bound for slow machines; what was measured is printed."""
 LARGEST_MIB = 512.0
