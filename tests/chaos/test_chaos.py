@@ -34,6 +34,8 @@ CALM = EvaluationRequest(
 )
 """Runs before anything fails; two of its trials are run again among faults."""
 PAUSE_IN_TRIALS = 1.5
+SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 2.0, 12.0
+"""Between faults: a process that was killed needs a second or two to come back."""
 READY_AGAIN_S = 30.0
 """A bound for slow machines; what was measured is printed."""
 LARGEST_MIB = 512.0
@@ -60,7 +62,7 @@ def run(seed: int, folder: Path, capsys, *, evaluations: int) -> None:
         with running_system(folder, robots=("abstract", "panda"), cells=2) as system:
             trial_s = time_a_trial(system)
             workload = Workload(system.client, requests)
-            pause_s = PAUSE_IN_TRIALS * trial_s
+            pause_s = min(LONGEST_PAUSE_S, max(SHORTEST_PAUSE_S, PAUSE_IN_TRIALS * trial_s))
             agent = ChaosAgent(system, seed=seed, mean_pause_s=pause_s, chronicle=chronicle)
             with MemoryWatch(lambda: system.supervisor.pids) as memory:
                 with agent:
