@@ -105,9 +105,10 @@ def test_prometheus_asks_every_service_of_the_compose_file():
     config = yaml.safe_load((PROMETHEUS / "prometheus.yml").read_text())
     (job,) = config["scrape_configs"]
     (source,) = job["dns_sd_configs"]
-    assert set(source["names"]) == set(compose["services"]) - {"prometheus"}
-    environment = compose["x-hardened"]["environment"]
-    assert environment["LEGATO_METRICS_PORT"] == str(source["port"])
+    services = {name: each for name, each in compose["services"].items() if name != "prometheus"}
+    assert set(source["names"]) == set(services)
+    for service in services.values():
+        assert service["environment"]["LEGATO_METRICS_PORT"] == str(source["port"])
 
 
 def test_prometheus_is_asked_for_and_for_this_machine_only():
