@@ -36,8 +36,8 @@ test-long: $(STAMP) ## fuzzing and holding still, which take minutes
 test-compose: $(STAMP) ## images and containers; needs a container engine with Compose 2.24 or later
 	$(BIN)/python -m pytest -m compose tests/compose
 
-test-chaos: $(STAMP) ## processes and links that fail at random, while evaluations run
-	$(BIN)/python -m pytest -m chaos tests/chaos
+test-chaos: $(STAMP) ## processes and links that fail while evaluations run or a robot moves
+	$(BIN)/python -m pytest -m chaos tests/chaos tests/integration/test_safe_stop.py
 
 check: $(STAMP) ## format, lint, types, import contract
 	$(BIN)/ruff format --check .

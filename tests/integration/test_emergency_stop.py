@@ -52,7 +52,10 @@ def test_a_stop_ends_the_trial_in_both_modes_and_outlives_the_simulation(tmp_pat
             ended, waiting = client.trials(evaluation)
             assert ended.id == trial.id
             assert (ended.status, len(ended.attempts)) == ("aborted", 1)
-            assert ended.reason == "emergency_stop: emergency stop of sim-0 by rest (test) (E-EMERGENCY-STOP)"
+            assert (
+                ended.reason
+                == "emergency_stop: emergency stop of sim-0 by rest (test) (E-EMERGENCY-STOP)"
+            )
             assert waiting.status == "pending"
             wait_for_cell(client, lambda cell: cell.status == "stopped")
             if mode == "lockstep":

@@ -80,7 +80,10 @@ def test_a_stop_from_elsewhere_ends_the_trial_too(rest):
     )
     rest.host.inbox.put_event(state)
     rest.wait_until(lambda: statuses(rest, evaluation) == ["aborted"])
-    assert rest.plane.queries.trials(evaluation)[0].reason == "button (E-EMERGENCY-STOP)"
+    assert (
+        rest.plane.queries.trials(evaluation)[0].reason
+        == "emergency_stop: button (E-EMERGENCY-STOP)"
+    )
 
 
 def test_a_cell_that_does_not_confirm_is_told_again_until_it_does(rest, monkeypatch):

@@ -98,7 +98,7 @@ def cell(tmp_path_factory):
         yield opened
 
 
-@pytest.mark.long
+@pytest.mark.chaos
 @pytest.mark.processes
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("robot", list_robots())
