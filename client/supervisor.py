@@ -29,6 +29,8 @@ log = logging.getLogger(__name__)
 POLL_S = 0.05
 GRACE_S = 8.0
 """Time between SIGTERM and SIGKILL: a session may take 2 s to close, and machines are busy."""
+STACKS_S = 0.2
+"""Time to write down where a process hangs before it is killed."""
 
 
 class Supervisor:
@@ -125,6 +127,9 @@ class Supervisor:
         deadline_s = time.monotonic() + GRACE_S
         for process in reversed(self._processes):
             if not process.wait(deadline_s - time.monotonic()):
+                # Its log then says what it hangs in.
+                process.send_signal(signal.SIGUSR1)
+                process.wait(STACKS_S)
                 log.warning("killed", extra={"node": process.spec.node})
                 process.send_signal(signal.SIGKILL)
                 process.wait(GRACE_S)

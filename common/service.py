@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import logging
 import os
 import signal
@@ -131,7 +132,12 @@ def _loop(host: Host, bus: Bus, stop: threading.Event, parent_pid: int | None) -
 
 
 def install_stop_signals(stop: threading.Event) -> None:
-    """Let SIGTERM and SIGINT set an event; the loop then ends and closes its session."""
+    """Let SIGTERM and SIGINT set an event; the loop then ends and closes its session.
+
+    SIGUSR1 writes the stack of every thread to standard error, also while the process hangs in
+    native code.
+    """
+    faulthandler.register(signal.SIGUSR1)
 
     def set_stop(number: int, frame: FrameType | None) -> None:
         stop.set()
