@@ -154,7 +154,7 @@ def make_configure(cell: int) -> EpisodeConfigure:
         policy="learned",
         seed=cell,
         mode="lockstep",
-        nodes={"policy": "policy"},
+        nodes={"sim": f"sim-{cell}", "policy": "policy"},
     )
 
 
@@ -167,7 +167,7 @@ def make_frames() -> list[Iterator[StereoFrame]]:
         step = 0
         while True:
             yield StereoFrame(
-                header=Header(cell=f"sim-{cell}", epoch=1, step=step),
+                header=Header(cell=f"sim-{cell}", epoch=1, source=f"sim-{cell}", step=step),
                 camera="t265",
                 width=128,
                 height=128,

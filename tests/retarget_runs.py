@@ -100,13 +100,17 @@ def follow_actions(
             yield tick, np.array(retargeter.follow(tick).positions)
 
 
-def header(tick: int = 0, epoch: int = 1) -> Header:
+SIM, POLICY = "sim-1", "policy-1"
+"""Nodes that the retargeter listens to."""
+
+
+def header(tick: int = 0, epoch: int = 1, *, source: str = SIM) -> Header:
     """Header of the test cell at a tick."""
     return Header(
         cell=CELL,
         episode=f"episode-{epoch}",
         epoch=epoch,
-        source="sim-1",
+        source=source,
         step=tick,
         t_sim_s=0.01 * tick,
         t_mono_ns=1000 + tick,
@@ -124,7 +128,7 @@ def configure(
         policy="expert",
         seed=0,
         mode=mode,
-        nodes={"sim": "sim-1", "retarget": node},
+        nodes={"sim": SIM, "retarget": node, "policy": POLICY},
     )
 
 
@@ -144,7 +148,7 @@ def state(
 def action(for_step: int, *steps: ActionStep, epoch: int = 1) -> PolicyAction:
     """An action of the policy; one centimetre forward unless told."""
     return PolicyAction(
-        header=header(for_step, epoch),
+        header=header(for_step, epoch, source=POLICY),
         for_step=for_step,
         request_t_mono_ns=0,
         steps=list(steps) or [step([0.01, 0, 0])],

@@ -123,6 +123,19 @@ def role_named(name: str) -> Role:
     raise UnknownName("role", name, [role.name for role in ROLES])
 
 
+def kind_that_writes(message: type[m.Message]) -> str:
+    """The one kind of node that sends messages of a type.
+
+    Raises:
+        InvalidValue: None does, or several do.
+    """
+    kinds = {role.kind for role in ROLES if role.kind is not None and message in role.writes}
+    if len(kinds) != 1:
+        sent = ", ".join(sorted(kinds)) or "nobody"
+        raise InvalidValue("message", message.__name__, f"one that one kind sends, not {sent}")
+    return kinds.pop()
+
+
 def check_node_name(kind: str, node: str) -> None:
     """Refuse a name under which the router would drop everything that the node says of itself.
 

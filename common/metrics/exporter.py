@@ -45,7 +45,7 @@ class Exporter(Collector):
         self._histograms = {
             metric: _make_histogram(metric, self.registry)
             for metric in table.METRICS
-            if metric.kind == "histogram" and metric.of in ("every", reactor.kind)
+            if metric.kind == "histogram" and metric.belongs_to(reactor.kind)
         }
         self._observe: dict[tuple[Metric, tuple[str, ...]], Callable[[float], None]] = {}
         for metric in self._histograms:

@@ -15,7 +15,7 @@ class Metric:
     Args:
         name: As Prometheus shows it, with its unit; counters end with `_total`.
         kind: What Prometheus takes it for.
-        of: Kind of node that has it, or `every`.
+        of: Kinds of node that have it, joined by ", ", or `every`.
         help: What is measured, in one line.
         labels: Labels beside `node`. Their values come from small fixed sets: never an episode.
         buckets: Upper bounds of a histogram, in the unit of the name.
@@ -27,6 +27,10 @@ class Metric:
     help: str
     labels: tuple[str, ...] = ()
     buckets: tuple[float, ...] = ()
+
+    def belongs_to(self, kind: str) -> bool:
+        """Whether nodes of a kind have it."""
+        return self.of == "every" or kind in self.of.split(", ")
 
 
 class Sample(NamedTuple):

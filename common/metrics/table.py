@@ -61,6 +61,14 @@ WAITING_EVENTS: Final = Metric(
     "legato_waiting_events", "gauge", "every", "Questions and comings and goings in the inbox"
 )
 
+FOREIGN: Final = Metric(
+    "legato_foreign_messages_total",
+    "counter",
+    "sim, retarget, gripper, policy",
+    "Messages dropped because a node sent them that the episode does not name",
+    ("topic",),
+)
+
 COMMAND_AGE: Final = Metric(
     "legato_command_age_seconds",
     "histogram",
@@ -80,6 +88,26 @@ HELD_TICKS: Final = Metric(
     "counter",
     "sim",
     "Watchdog, real time: ticks in which the robot held still for want of a young command",
+)
+COASTED_TICKS: Final = Metric(
+    "legato_coasted_ticks_total",
+    "counter",
+    "sim",
+    "Guard, real time: ticks without a new joint command that went on at the last velocity",
+)
+CLAMPED_TICKS: Final = Metric(
+    "legato_clamped_ticks_total",
+    "counter",
+    "sim",
+    "Guard: ticks whose joint command broke a limit and was approached within it",
+    ("limit",),
+)
+FAULTS: Final = Metric(
+    "legato_safety_faults_total",
+    "counter",
+    "sim",
+    "Faults and emergency stops that were latched, each when it became the cell's",
+    ("code",),
 )
 MISSED_FRAMES: Final = Metric(
     "legato_missed_frames_total",

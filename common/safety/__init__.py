@@ -6,6 +6,7 @@ driver of real hardware use the same code.
 
 from __future__ import annotations
 
+from common.safety.foreign import ForeignCounts
 from common.safety.guard import COMMAND_AGE_LIMIT_S, Guard, GuardCounts
 from common.safety.latch import SafetyLatch
 from common.safety.limits import RobotLimits, read_limits
@@ -14,6 +15,7 @@ from common.safety.writer import SingleWriter
 
 __all__ = [
     "COMMAND_AGE_LIMIT_S",
+    "ForeignCounts",
     "Guard",
     "GuardCounts",
     "MotionLaw",

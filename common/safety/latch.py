@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from common.errors import EmergencyStopped, LegatoError
+from collections import Counter
+from collections.abc import Iterator
+
+from common.errors import EmergencyStopped, InvalidValue, LegatoError, StaleCommand, WrongShape
+from common.metrics import Sample
+from common.metrics.table import FAULTS
+
+_USUAL = (EmergencyStopped, StaleCommand, WrongShape, InvalidValue)
+"""What latches it; shown as 0 before, which the rate of a counter begins with."""
 
 
 class SafetyLatch:
@@ -10,6 +18,7 @@ class SafetyLatch:
 
     def __init__(self) -> None:
         self._fault: LegatoError | None = None
+        self._latched = Counter({each.code: 0 for each in _USUAL})
 
     @property
     def fault(self) -> LegatoError | None:
@@ -26,6 +35,7 @@ class SafetyLatch:
         outranks = isinstance(fault, EmergencyStopped) and not self.emergency
         if self._fault is None or outranks:
             self._fault = fault
+            self._latched[fault.code] += 1
 
     def open_episode(self) -> None:
         """A new episode releases every fault but an emergency stop.
@@ -41,3 +51,8 @@ class SafetyLatch:
     def reset(self) -> None:
         """Release whatever is latched."""
         self._fault = None
+
+    def levels(self) -> Iterator[Sample]:
+        """How often it was latched, by the code of the fault."""
+        for code, count in self._latched.items():
+            yield Sample(FAULTS, count, (code,))

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from common.clock import FRAME_TICKS
+from common.errors import LegatoError
 from common.messages import (
     EpisodeAbort,
     EpisodeConfigure,
@@ -15,7 +16,10 @@ from common.messages import (
     MotorCommand,
     MotorState,
     PolicyAction,
+    Problem,
 )
+from common.metrics import Sample
+from common.safety import ForeignCounts, SingleWriter
 from common.service import AnyMessage, Reactor
 from services.gripper.driver import Driver, DriverConfig
 from services.gripper.motors import MotorReading, SimulatedMotors
@@ -26,6 +30,7 @@ class _Cell:
     """State of one cell's gripper in one episode."""
 
     configure: EpisodeConfigure
+    writer: SingleWriter
     motors: SimulatedMotors
     driver: Driver
     actions: dict[int, PolicyAction] = field(default_factory=dict[int, PolicyAction])
@@ -50,6 +55,7 @@ class GripperReactor(Reactor):
         self.node = node
         self._config = config or DriverConfig()
         self._cells: dict[str, _Cell] = {}
+        self._foreign = ForeignCounts(MotorState, PolicyAction)
 
     def serves(self, cell: str) -> bool:
         """Only cells whose episode uses this driver."""
@@ -59,40 +65,53 @@ class GripperReactor(Reactor):
         """Take readings and actions, return motor commands and gripper states."""
         outputs: list[AnyMessage] = []
         for message in messages:
-            if isinstance(message, MotorState):
-                outputs += self._take_state(message)
-            elif isinstance(message, PolicyAction):
-                outputs += self._take_action(message)
+            if isinstance(message, MotorState | PolicyAction):
+                outputs += self._pass_on(message)
             elif isinstance(message, EpisodeConfigure):
                 outputs += self._prepare(message)
             elif isinstance(message, EpisodeAbort):
                 self._cells.pop(message.header.cell, None)
         return outputs
 
+    def levels(self) -> Iterable[Sample]:
+        """Messages of foreign nodes."""
+        return self._foreign.levels()
+
     def _prepare(self, configure: EpisodeConfigure) -> list[Message]:
         self._cells.pop(configure.header.cell, None)
         if configure.nodes.get(self.kind) != self.node:
             return []
-        motors = SimulatedMotors()
-        driver = Driver(motors, self._config)
-        self._cells[configure.header.cell] = _Cell(configure, motors, driver)
-        return [EpisodeReady(header=configure.header, node=self.node, kind=self.kind)]
+        problem = None
+        try:
+            writer = SingleWriter(configure, self._foreign)
+            motors = SimulatedMotors()
+            driver = Driver(motors, self._config)
+            self._cells[configure.header.cell] = _Cell(configure, writer, motors, driver)
+        except LegatoError as error:
+            problem = Problem(**error.describe())
+        return [
+            EpisodeReady(header=configure.header, node=self.node, kind=self.kind, problem=problem)
+        ]
 
-    def _take_action(self, action: PolicyAction) -> list[Message]:
-        cell = self._cells.get(action.header.cell)
-        if cell is None:
+    def _pass_on(self, message: MotorState | PolicyAction) -> list[Message]:
+        cell = self._cells.get(message.header.cell)
+        if cell is None or not cell.writer.accepts(message):
             return []
+        if isinstance(message, MotorState):
+            return self._take_state(cell, message)
+        return self._take_action(cell, message)
+
+    def _take_action(self, cell: _Cell, action: PolicyAction) -> list[Message]:
         if cell.configure.mode == "realtime":
             cell.driver.grasp = action.steps[0].grasp
             return []
         cell.actions[action.for_step] = action
         if cell.waiting is not None:
-            return self._take_state(cell.waiting)
+            return self._take_state(cell, cell.waiting)
         return []
 
-    def _take_state(self, state: MotorState) -> list[Message]:
-        cell = self._cells.get(state.header.cell)
-        if cell is None or state.header.step < cell.last_step:
+    def _take_state(self, cell: _Cell, state: MotorState) -> list[Message]:
+        if state.header.step < cell.last_step:
             return []
         if state.header.step == cell.last_step:
             return cell.last_reply

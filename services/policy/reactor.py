@@ -22,6 +22,7 @@ from common.messages import (
 )
 from common.metrics import Sample
 from common.metrics.table import BATCH, INFERENCE, OBSERVATION_AGE
+from common.safety import ForeignCounts, SingleWriter
 from common.service import AnyMessage, Reactor
 from services.policy.batches import Acted, Pass, act_all
 from services.policy.policy import Observation, Policy
@@ -38,6 +39,7 @@ class _Cell:
 
     policy: Policy
     configure: EpisodeConfigure
+    writer: SingleWriter
     frame: StereoFrame | None = None
     truth: GroundTruth | None = None
     last_step: int = -1
@@ -72,6 +74,7 @@ class PolicyReactor(Reactor):
         self._cells: dict[str, _Cell] = {}
         self._due: list[tuple[_Cell, Observation]] = []
         self._passes: list[Pass] = []
+        self._foreign = ForeignCounts(StereoFrame, GroundTruth)
 
     def offers(self) -> dict[str, list[str]]:
         """Names of the policies."""
@@ -118,15 +121,20 @@ class PolicyReactor(Reactor):
             yield Sample(INFERENCE, each.inference_s)
             yield Sample(BATCH, each.cells)
 
+    def levels(self) -> Iterable[Sample]:
+        """Messages of foreign nodes."""
+        return self._foreign.levels()
+
     def _prepare(self, configure: EpisodeConfigure) -> list[Message]:
         self._cells.pop(configure.header.cell, None)
         if configure.nodes.get(self.kind) != self.node:
             return []
         problem = None
         try:
+            writer = SingleWriter(configure, self._foreign)
             policy = self._make(configure.policy)
             policy.reset(seed=configure.seed, task=configure.task)
-            self._cells[configure.header.cell] = _Cell(policy, configure)
+            self._cells[configure.header.cell] = _Cell(policy, configure, writer)
         except LegatoError as error:
             problem = error
         return [self._answer(configure, problem)]
@@ -168,7 +176,9 @@ class PolicyReactor(Reactor):
     def _observe(self, message: StereoFrame | GroundTruth) -> list[Message]:
         """Note what a cell sees; once it sees everything, its policy is due."""
         cell = self._cells.get(message.header.cell)
-        if cell is None or message.header.step < cell.last_step:
+        if cell is None or not cell.writer.accepts(message):
+            return []
+        if message.header.step < cell.last_step:
             return []
         if message.header.step == cell.last_step:
             # Asked again: the same answer, and only once for frame and truth.

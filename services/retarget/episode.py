@@ -18,6 +18,7 @@ from common.messages import (
 )
 from common.messages.base import has_unit_quaternion
 from common.robots import RobotSpec
+from common.safety import SingleWriter
 from common.se3 import Array
 from services.retarget.lag import TrackingLag
 from services.retarget.reference import GripperReference, Lead
@@ -41,12 +42,18 @@ class RetargetEpisode:
         configure: The episode.
         spec: Its robot.
         retargeter: A retargeter of that robot that no other episode uses.
+        writer: Whose states and actions count.
     """
 
     def __init__(
-        self, configure: EpisodeConfigure, spec: RobotSpec, retargeter: Retargeter
+        self,
+        configure: EpisodeConfigure,
+        spec: RobotSpec,
+        retargeter: Retargeter,
+        writer: SingleWriter,
     ) -> None:
         self.configure = configure
+        self.writer = writer
         self._spec = spec
         self._retargeter = retargeter
         self._reference: GripperReference | None = None

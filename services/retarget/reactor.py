@@ -18,6 +18,7 @@ from common.messages import (
 )
 from common.metrics import Sample
 from common.robots import RobotSpec, load_robot
+from common.safety import ForeignCounts, SingleWriter
 from common.service import AnyMessage, Reactor
 from common.tasks import Task, load_task
 from services.retarget.episode import RetargetEpisode
@@ -52,6 +53,7 @@ class RetargetReactor(Reactor):
         self._models: dict[str, RobotModel] = {}
         self._episodes: dict[str, RetargetEpisode] = {}
         self._measured = Measured(self._specs)
+        self._foreign = ForeignCounts(RobotState, PolicyAction)
 
     def offers(self) -> Mapping[str, list[str]]:
         """The robots it serves."""
@@ -83,19 +85,22 @@ class RetargetReactor(Reactor):
                     yield from self._measured.add(message, episode.configure.robot)
 
     def levels(self) -> Iterable[Sample]:
-        """Ticks at a limit and ticks without a solution."""
-        return self._measured.levels()
+        """Ticks at a limit, ticks without a solution, and messages of foreign nodes."""
+        yield from self._measured.levels()
+        yield from self._foreign.levels()
 
     def _pass_on(self, message: RobotState | PolicyAction | EpisodeAbort) -> list[Message]:
         episode = self._episodes.get(message.header.cell)
         if episode is None or episode.epoch != message.header.epoch:
             return []
+        if isinstance(message, EpisodeAbort):
+            del self._episodes[message.header.cell]
+            return []
+        if not episode.writer.accepts(message):
+            return []
         if isinstance(message, RobotState):
             return episode.take_state(message)
-        if isinstance(message, PolicyAction):
-            return episode.take_action(message)
-        del self._episodes[message.header.cell]
-        return []
+        return episode.take_action(message)
 
     def _configure(self, configure: EpisodeConfigure) -> list[Message]:
         cell = configure.header.cell
@@ -118,7 +123,8 @@ class RetargetReactor(Reactor):
         if spec is None:
             raise UnknownName("robot", configure.robot, sorted(self._specs))
         task = load_task(configure.task)
-        return RetargetEpisode(configure, spec, self._make_retargeter(spec, task))
+        writer = SingleWriter(configure, self._foreign)
+        return RetargetEpisode(configure, spec, self._make_retargeter(spec, task), writer)
 
     def _make_retargeter(self, spec: RobotSpec, task: Task) -> Retargeter:
         if spec.kind == "free_hand":

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import get_args
+from typing import TypeAlias, get_args
 
 from common.clock import LockstepBarrier, RealtimePacer
 from common.messages import Outcome
 from common.metrics import Metric, Sample
 from common.metrics.table import (
     CAMERA,
+    CLAMPED_TICKS,
+    COASTED_TICKS,
     EPISODES,
     HELD_TICKS,
     MISSED_FRAMES,
@@ -19,7 +21,18 @@ from common.metrics.table import (
     RESENDS,
     SKIPPED_TICKS,
 )
+from common.safety import GuardCounts
 from services.sim.measurements import Measurements
+
+Series: TypeAlias = tuple[Metric, tuple[str, ...]]
+"""A metric and the values of its labels."""
+
+_SERIES: tuple[Series, ...] = (
+    (HELD_TICKS, ()),
+    (COASTED_TICKS, ()),
+    *((CLAMPED_TICKS, (limit,)) for limit in ("position", "velocity", "acceleration")),
+    *((metric, ()) for metric in (MISSED_FRAMES, SKIPPED_TICKS, RESENDS, CAMERA, PHYSICS)),
+)
 
 
 @dataclass(frozen=True)
@@ -29,16 +42,21 @@ class LiveCounts:
     measured: Measurements
     barrier: LockstepBarrier
     pacer: RealtimePacer
+    guard: GuardCounts
 
-    def read(self) -> dict[Metric, float]:
+    def read(self) -> dict[Series, float]:
         """Counts of the episode so far."""
         return {
-            HELD_TICKS: self.measured.held_ticks,
-            MISSED_FRAMES: self.measured.missed_frames,
-            SKIPPED_TICKS: self.pacer.skipped,
-            RESENDS: self.barrier.resends,
-            CAMERA: self.measured.camera_s,
-            PHYSICS: self.measured.physics_s,
+            (HELD_TICKS, ()): self.measured.held_ticks,
+            (COASTED_TICKS, ()): self.guard.coasted_ticks,
+            (CLAMPED_TICKS, ("position",)): self.guard.position_clamps,
+            (CLAMPED_TICKS, ("velocity",)): self.guard.velocity_clamps,
+            (CLAMPED_TICKS, ("acceleration",)): self.guard.acceleration_clamps,
+            (MISSED_FRAMES, ()): self.measured.missed_frames,
+            (SKIPPED_TICKS, ()): self.pacer.skipped,
+            (RESENDS, ()): self.barrier.resends,
+            (CAMERA, ()): self.measured.camera_s,
+            (PHYSICS, ()): self.measured.physics_s,
         }
 
 
@@ -46,7 +64,7 @@ class Counts:
     """Totals over episodes."""
 
     def __init__(self) -> None:
-        self._before = Counter[Metric]()
+        self._before = Counter[Series]()
         self._live: LiveCounts | None = None
         self._outcomes: dict[Outcome, int] = dict.fromkeys(get_args(Outcome), 0)
 
@@ -63,7 +81,8 @@ class Counts:
     def levels(self) -> Iterator[Sample]:
         """Totals since the start."""
         live = {} if self._live is None else self._live.read()
-        for metric in (HELD_TICKS, MISSED_FRAMES, SKIPPED_TICKS, RESENDS, CAMERA, PHYSICS):
-            yield Sample(metric, self._before[metric] + live.get(metric, 0.0))
+        for metric, labels in _SERIES:
+            count = self._before[metric, labels] + live.get((metric, labels), 0.0)
+            yield Sample(metric, count, labels)
         for outcome, count in self._outcomes.items():
             yield Sample(EPISODES, count, (outcome,))

@@ -44,13 +44,6 @@ _MOMENT_DELAY_TICKS: Final = {"grasp": 80, "release": 30}
 
 _COMMAND, _STATUS, _MOTOR, _ACTION = "robot/command", "retarget/status", "motor_command", "action"
 _NODE_OF = {_COMMAND: "retarget", _STATUS: "retarget", _MOTOR: "gripper", _ACTION: "policy"}
-_KIND_OF: Final[dict[type[Message], str]] = {
-    RobotCommand: "retarget",
-    RetargetStatus: "retarget",
-    MotorCommand: "gripper",
-    PolicyAction: "policy",
-}
-"""Who may send what."""
 
 
 class Episode:
@@ -62,6 +55,7 @@ class Episode:
 
     Args:
         configure: What was asked for.
+        writer: Whose answers count.
         body: The robot in a world built for this episode.
         camera: The gripper's stereo camera in that world.
         calibration: What the camera was built from.
@@ -72,6 +66,7 @@ class Episode:
     def __init__(
         self,
         configure: EpisodeConfigure,
+        writer: SingleWriter,
         body: GuardedBody,
         camera: StereoCamera,
         calibration: StereoCalibration,
@@ -79,12 +74,9 @@ class Episode:
         skin: Skin | None = None,
     ) -> None:
         self.configure = configure
+        self.writer = writer
         self.body = body
         self.pacer = RealtimePacer(period_s=TICK_S)
-        self.writer = SingleWriter(
-            configure.header.cell,
-            {message: configure.nodes[kind] for message, kind in _KIND_OF.items()},
-        )
         world = self._world = body.world
         self._album = Album(world, skin)
         self._camera = camera
@@ -119,7 +111,7 @@ class Episode:
     @property
     def counts(self) -> LiveCounts:
         """Where it counts, for metrics."""
-        return LiveCounts(self._measured, self._barrier, self.pacer)
+        return LiveCounts(self._measured, self._barrier, self.pacer, self.body.guard.counts)
 
     def start(self) -> list[Message]:
         """Start the clock: the messages of tick 0.
@@ -287,10 +279,12 @@ class Episode:
             self._move_fingers(self._motor)
         problem = self._step_physics()
         if problem is not None:
-            return self._abort("sim", problem)
+            # The owner of a cell has its name.
+            return self._abort(self.configure.header.cell, problem)
         fault = self.body.fault
         if fault is not None:
-            return self._abort("retarget", fault, Cause.ROBOT_FAULT)
+            node = self.configure.nodes["retarget"]
+            return self._abort(node, fault, Cause.ROBOT_FAULT)
         return self._judge()
 
     def _move_fingers(self, motor: MotorCommand) -> None:
@@ -338,10 +332,10 @@ class Episode:
             self._moment = (self._step + _MOMENT_DELAY_TICKS[moment], moment)
 
     def _abort(
-        self, kind: str, error: LegatoError, cause: Cause = Cause.NODE_PROBLEM
+        self, node: str, error: LegatoError, cause: Cause = Cause.NODE_PROBLEM
     ) -> list[Message]:
         """End the episode because of what a node has made, and name it."""
-        text = f"{self.configure.nodes[kind]}: {error} ({error.code})"
+        text = f"{node}: {error} ({error.code})"
         return self._end("aborted", write_reason(cause, text))
 
     def _end(

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from common.calibration import load_calibration
-from common.errors import EmergencyStopped, InvalidValue, LegatoError
+from common.errors import EmergencyStopped, LegatoError
 from common.messages import (
     EpisodeAbort,
     EpisodeConfigure,
@@ -27,7 +27,7 @@ from common.messages import (
 from common.metrics import Sample
 from common.metrics.table import ACTION_AGE, COMMAND_AGE
 from common.robots import list_robots, load_robot
-from common.safety import SafetyLatch
+from common.safety import ForeignCounts, SafetyLatch, SingleWriter
 from common.service import AnyMessage, Reactor
 from common.tasks import list_tasks, load_task
 from services.sim.body import GuardedBody
@@ -42,8 +42,6 @@ from services.sim.world import TOOL_SITE, World
 
 log = logging.getLogger(__name__)
 
-_TAKE_PART = {"sim", "retarget", "gripper", "policy"}
-"""Kinds of nodes that every episode has: reasons name them."""
 _ANSWERS = (RobotCommand, MotorCommand, RetargetStatus, PolicyAction)
 
 
@@ -80,6 +78,7 @@ class SimReactor(Reactor):
         self._episode: Episode | None = None
         self._running = False
         self._counts = Counts()
+        self._foreign = ForeignCounts(*_ANSWERS)
         self._hold: Hold | None = None
 
     def offers(self) -> dict[str, list[str]]:
@@ -128,7 +127,9 @@ class SimReactor(Reactor):
 
     def levels(self) -> Iterable[Sample]:
         """What was counted over all episodes."""
-        return self._counts.levels()
+        yield from self._counts.levels()
+        yield from self._latch.levels()
+        yield from self._foreign.levels()
 
     def _handle_one(self, message: AnyMessage) -> list[Message]:
         # Answers first: there are hundreds of them a second.
@@ -197,10 +198,7 @@ class SimReactor(Reactor):
         problem = None
         try:
             self._latch.open_episode()
-            if missing := _TAKE_PART - configure.nodes.keys():
-                named = ", ".join(sorted(configure.nodes)) or "none"
-                expected = f"also {', '.join(sorted(missing))}"
-                raise InvalidValue("EpisodeConfigure.nodes", named, expected)
+            writer = SingleWriter(configure, self._foreign)
             world = World(
                 task=load_task(configure.task),
                 robot=load_robot(configure.robot),
@@ -221,7 +219,7 @@ class SimReactor(Reactor):
                 skin = dress(world, self._meshes)
             epoch = configure.header.epoch
             body = GuardedBody(world, self._latch, epoch=epoch, log=self._log)
-            self._episode = Episode(configure, body, camera, calibration, sensor, skin)
+            self._episode = Episode(configure, writer, body, camera, calibration, sensor, skin)
             self._counts.follow(self._episode.counts)
         except LegatoError as error:
             problem = Problem(**error.describe())

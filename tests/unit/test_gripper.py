@@ -7,6 +7,7 @@ from common.calibration.four_bar import OPEN_RAD, opening_m
 from services.gripper.driver import Driver, DriverConfig
 from services.gripper.motors import MotorReading, SimulatedMotors
 from services.gripper.reactor import GripperReactor
+from tests.strangers import STRANGER, by_stranger, dropped, strangers_told
 
 CELL = "sim-0"
 
@@ -58,8 +59,10 @@ def test_stepping_before_the_first_reading_is_an_error():
         Driver(SimulatedMotors(), DriverConfig()).step()
 
 
-def header(step: int = 0) -> m.Header:
-    return m.Header(cell=CELL, episode="e", epoch=1, step=step, t_mono_ns=1000 + step)
+def header(step: int = 0, *, source: str = CELL) -> m.Header:
+    return m.Header(
+        cell=CELL, episode="e", epoch=1, source=source, step=step, t_mono_ns=1000 + step
+    )
 
 
 def configure(mode: m.Mode = "lockstep", node: str = "gripper") -> m.EpisodeConfigure:
@@ -70,7 +73,7 @@ def configure(mode: m.Mode = "lockstep", node: str = "gripper") -> m.EpisodeConf
         policy="expert",
         seed=0,
         mode=mode,
-        nodes={"gripper": node},
+        nodes={"sim": CELL, "gripper": node, "policy": "policy"},
     )
 
 
@@ -87,7 +90,7 @@ def state(step: int, due: int = -1) -> m.MotorState:
 def action(for_step: int, *, grasp: bool) -> m.PolicyAction:
     step = m.ActionStep(translation_m=[0.0] * 3, rotation_rad=[0.0] * 3, grasp=grasp)
     return m.PolicyAction(
-        header=header(for_step),
+        header=header(for_step, source="policy"),
         for_step=for_step,
         request_t_mono_ns=0,
         steps=[step],
@@ -157,6 +160,42 @@ def test_in_real_time_the_newest_action_counts_at_once():
     command, *_ = reactor.handle([state(3)])
     assert isinstance(command, m.MotorCommand)
     assert command.positions_rad[0] < OPEN_RAD
+
+
+def test_in_lockstep_strangers_move_nothing_and_get_no_answer(caplog):
+    reactor = ready_reactor()
+    first, close = state(0, due=0), action(0, grasp=True)
+    assert list(reactor.handle([by_stranger(close), by_stranger(first), first])) == []
+    command, gripper_state = reactor.handle([action(0, grasp=False)])
+    assert isinstance(gripper_state, m.GripperState)
+    assert not gripper_state.grasp
+    # Not from memory either.
+    assert list(reactor.handle([by_stranger(first)])) == []
+    assert list(reactor.handle([first])) == [command, gripper_state]
+    assert dropped(reactor) == {"gripper/motor_state": 2, "policy/action": 1}
+    assert strangers_told(caplog) == [STRANGER]
+
+
+def test_in_real_time_a_stranger_closes_no_gripper(caplog):
+    reactor = ready_reactor("realtime")
+    assert list(reactor.handle([by_stranger(action(0, grasp=True))])) == []
+    command, *_ = reactor.handle([state(3)])
+    assert isinstance(command, m.MotorCommand)
+    assert command.positions_rad[0] == OPEN_RAD
+    reactor.handle([action(0, grasp=True)])
+    command, *_ = reactor.handle([state(4)])
+    assert command.positions_rad[0] < OPEN_RAD
+    assert strangers_told(caplog) == [STRANGER]
+
+
+def test_an_episode_that_names_no_simulation_and_no_policy_is_a_problem():
+    reactor = GripperReactor(node="gripper")
+    lonely = configure().model_copy(update={"nodes": {"gripper": "gripper"}})
+    (ready,) = reactor.handle([lonely])
+    assert isinstance(ready, m.EpisodeReady)
+    assert ready.problem is not None
+    assert ready.problem.expected == "expected also policy, sim"
+    assert not reactor.serves(CELL)
 
 
 def test_abort_forgets_the_cell():

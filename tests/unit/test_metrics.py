@@ -19,8 +19,8 @@ from tests.unit import test_scheduler as scheduling
 from tests.unit import test_sim_reactor as simulation
 from tests.unit.test_serving import frame
 
-BOUNDED = {"topic", "robot", "outcome", "peer_kind", "peer", "kind", "version"}
-KINDS = {"every", "sim", "retarget", "policy", "control"}
+BOUNDED = {"topic", "robot", "outcome", "limit", "code", "peer_kind", "peer", "kind", "version"}
+KINDS = {"every", "sim", "retarget", "gripper", "policy", "control"}
 LOST_PEERS = 64
 
 
@@ -36,7 +36,7 @@ def test_the_table_keeps_the_conventions_of_prometheus():
         assert metric.name.endswith("_total") == (metric.kind == "counter"), metric.name
         assert bool(metric.buckets) == (metric.kind == "histogram"), metric.name
         assert list(metric.buckets) == sorted(set(metric.buckets)), metric.name
-        assert metric.of in KINDS, metric.name
+        assert set(metric.of.split(", ")) <= KINDS, metric.name
         assert set(metric.labels) <= BOUNDED, metric.name
 
 
@@ -94,6 +94,40 @@ def test_a_simulation_counts_over_episodes():
     assert held() == first + 1
 
 
+def test_a_simulation_shows_what_its_guard_did_over_episodes():
+    reactor, _ = simulation.started(robot="panda")
+
+    def clamped() -> dict[tuple[str, ...], float]:
+        return values(reactor.levels(), t.CLAMPED_TICKS)
+
+    none = {("position",): 0, ("velocity",): 0, ("acceleration",): 0}
+    assert clamped() == none
+    far = [0.0, 0.5, -0.9, -2.0, 2.6, 1.0, -1.8]
+    leap = simulation.command(0, far).model_copy(update={"velocities": [0.0] * 7})
+    reactor.handle([simulation.action(0), leap, simulation.motor(0)])
+    assert clamped() == none | {("velocity",): 1, ("acceleration",): 1}
+    reactor.handle([simulation.configure(robot="panda")])
+    assert clamped() == none | {("velocity",): 1, ("acceleration",): 1}
+
+
+def test_a_simulation_counts_coasted_ticks_and_faults_by_their_code():
+    reactor, _ = simulation.started(mode="realtime")
+
+    def faults() -> dict[str, float]:
+        return {code: n for (code,), n in values(reactor.levels(), t.FAULTS).items() if n}
+
+    assert set(values(reactor.levels(), t.FAULTS)) >= {("E-STALE-COMMAND",), ("E-EMERGENCY-STOP",)}
+    reactor.handle([simulation.command(0)])
+    for now_ms in range(0, 200, 10):
+        reactor.handle([m.Tick(1_000_000_000 + now_ms * simulation.MS)])
+    # One tick follows the command, five are within its age limit.
+    assert values(reactor.levels(), t.COASTED_TICKS) == {(): 5}
+    assert faults() == {"E-STALE-COMMAND": 1}
+    for _ in range(2):
+        reactor.handle([m.SafetyStop(header=simulation.header(), by="button")])
+    assert faults() == {"E-STALE-COMMAND": 1, "E-EMERGENCY-STOP": 1}
+
+
 def test_a_simulation_counts_how_episodes_end():
     reactor, _ = simulation.started(node_deadline_s=1.0)
     given = [m.Tick(0), m.Tick(2_000_000_000)]
@@ -136,7 +170,7 @@ def test_failures_of_a_solver_are_added_once():
 def test_a_policy_shows_its_passes_and_how_old_frames_are():
     reactor = PolicyReactor(node="policy")
     for cell in ("a", "b"):
-        nodes = {"policy": "policy"}
+        nodes = {"sim": cell, "policy": "policy"}
         reactor.handle(
             [simulation.configure(header=m.Header(cell=cell, epoch=1), policy="hold", nodes=nodes)]
         )

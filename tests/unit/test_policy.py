@@ -12,12 +12,13 @@ from services.policy.min_jerk import MinJerkSegment, min_jerk
 from services.policy.policy import Observation
 from services.policy.reactor import PolicyReactor
 from services.policy.registry import BUILT_IN
+from tests.strangers import STRANGER, by_stranger, dropped, strangers_told
 
 CELL = "sim-0"
 
 
 def header(step: int = 0) -> m.Header:
-    return m.Header(cell=CELL, epoch=1, step=step, t_mono_ns=7 + step)
+    return m.Header(cell=CELL, epoch=1, source=CELL, step=step, t_mono_ns=7 + step)
 
 
 def configure(policy: str = "expert", task: str = "lid") -> m.EpisodeConfigure:
@@ -28,7 +29,7 @@ def configure(policy: str = "expert", task: str = "lid") -> m.EpisodeConfigure:
         policy=policy,
         seed=3,
         mode="lockstep",
-        nodes={"policy": "policy"},
+        nodes={"sim": CELL, "policy": "policy"},
     )
 
 
@@ -145,6 +146,20 @@ def test_the_expert_acts_once_per_frame_when_truth_and_frame_are_there():
     # A resent pair is answered once, with the same action; a new frame needs its own truth.
     assert list(reactor.handle([frame(0), truth(0)])) == [action]
     assert list(reactor.handle([frame(10)])) == []
+
+
+def test_a_strangers_pictures_and_truth_are_not_looked_at(caplog):
+    reactor = PolicyReactor(node="policy")
+    reactor.handle([configure()])
+    assert list(reactor.handle([by_stranger(frame(0)), truth(0)])) == []
+    assert list(reactor.handle([by_stranger(truth(0))])) == []
+    (action,) = reactor.handle([frame(0)])
+    assert isinstance(action, m.PolicyAction)
+    # Not from memory either.
+    assert list(reactor.handle([by_stranger(frame(0))])) == []
+    assert list(reactor.handle([frame(0)])) == [action]
+    assert dropped(reactor) == {"camera/stereo": 2, "truth": 1}
+    assert strangers_told(caplog) == [STRANGER]
 
 
 @pytest.mark.parametrize("name", sorted(BUILT_IN))

@@ -39,7 +39,7 @@ def configure(cell: str = "sim-0", *, policy: str = "learned", task: str = "lid"
         policy=policy,
         seed=3,
         mode="lockstep",
-        nodes={"policy": "policy"},
+        nodes={"sim": cell, "policy": "policy"},
     )
 
 

@@ -27,6 +27,7 @@ from services.retarget.bounds import JointBounds, JointLimits
 from services.retarget.reactor import RetargetReactor
 from services.retarget.reference import WaypointInterpolator
 from tests.retarget_runs import CELL, NODE, action, configure, header, make_panda, rest, state, step
+from tests.strangers import STRANGER, by_stranger, dropped, strangers_told
 
 NAN, HUGE = math.nan, 1e300
 
@@ -157,6 +158,18 @@ def test_a_tick_waits_for_its_action_when_the_one_that_came_was_garbage(wire, ca
     (command,) = panda.send(action(0))
     assert isinstance(command, m.RobotCommand)
     assert max(map(abs, command.velocities)) < 1.0
+
+
+def test_a_strangers_action_on_the_bus_is_not_the_one_that_a_tick_waits_for(wire, caplog):
+    panda = wire("panda")
+    assert panda.send(state(0, due=0)) == []
+    for _ in range(3):
+        assert panda.send(by_stranger(action(0, step([0.5, 0, 0])))) == []
+    assert dropped(panda.host.reactor) == {"robot/state": 0, "policy/action": 3}
+    assert strangers_told(caplog) == [STRANGER]
+    (command,) = panda.send(action(0, step()))
+    assert isinstance(command, m.RobotCommand)
+    assert command.positions == pytest.approx(load_robot("panda").start_positions, abs=1e-9)
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])

@@ -9,7 +9,8 @@ from common.errors import UnknownName
 from common.messages import EpisodeReady, EpisodeStart, RetargetStatus, RobotCommand
 from common.robots import load_robot
 from services.retarget.reactor import RetargetReactor
-from tests.retarget_runs import CELL, NODE, abort, action, configure, header, state, step
+from tests.retarget_runs import CELL, NODE, SIM, abort, action, configure, header, state, step
+from tests.strangers import STRANGER, by_stranger, dropped, strangers_told
 
 
 @pytest.fixture(scope="module")
@@ -183,6 +184,31 @@ def test_wrong_shape_is_logged_once_and_ignored(reactor, caplog):
     assert len(records) == 1
     assert "expected 7" in records[0].expected or "expected 6" in records[0].expected
     assert len(reactor.handle([state(2)])) == 1
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_states_and_actions_of_strangers_move_nothing_and_get_no_answer(mode, caplog):
+    reactor = RetargetReactor(node=NODE, robots=["abstract"])
+    reactor.handle([configure("abstract", mode=mode)])
+    pushed, first = action(0, step([0.5, 0, 0])), state(0, "abstract", due=0)
+    assert reactor.handle([by_stranger(pushed), by_stranger(first)]) == []
+    (command,) = reactor.handle([action(0, step([0.1, 0, 0])), first])
+    assert command.positions[0] == pytest.approx(0.11)
+    # Neither what is due later nor what is repeated from memory.
+    later = action(10, step([0.5, 0, 0]))
+    assert reactor.handle([by_stranger(later), by_stranger(first)]) == []
+    (command,) = reactor.handle([state(1, "abstract")])
+    assert command.positions[0] == pytest.approx(0.12)
+    assert dropped(reactor) == {"robot/state": 2, "policy/action": 2}
+    assert strangers_told(caplog) == [STRANGER]
+
+
+def test_an_episode_that_names_no_policy_is_a_problem(reactor):
+    nodes = {"sim": SIM, "retarget": NODE}
+    ready = _one(reactor.handle([configure().model_copy(update={"nodes": nodes})]))
+    assert ready.problem is not None
+    assert ready.problem.expected == "expected also policy"
+    assert not reactor.serves(CELL)
 
 
 def test_abort_ends_the_episode(reactor):

@@ -9,10 +9,20 @@ import pytest
 from common import messages as m
 from common.clock import TICK_S
 from common.errors import EmergencyStopped, InvalidValue, StaleCommand, WrongShape
+from common.metrics.table import FAULTS, FOREIGN
 from common.robots import list_robots, load_robot
 from common.robots.compile import compile_robot, read_ranges
-from common.safety import Guard, RobotLimits, SafetyLatch, Setpoint, SingleWriter, read_limits
+from common.safety import (
+    ForeignCounts,
+    Guard,
+    RobotLimits,
+    SafetyLatch,
+    Setpoint,
+    SingleWriter,
+    read_limits,
+)
 from common.safety.limits import AxisLimits
+from tests import retarget_runs
 
 AXES = (
     AxisLimits(-1.0, 1.0, velocity=1.0, acceleration=5.0, stop_acceleration=10.0),
@@ -179,13 +189,65 @@ def test_an_emergency_stop_outranks_a_fault_and_only_a_reset_releases_it():
 
 
 def test_a_strangers_message_is_counted_and_told_of_once(caplog):
-    writer = SingleWriter("sim-0", {m.EpisodeStart: "control"})
-    of = {source: m.EpisodeStart(header=m.Header(source=source)) for source in ("control", "x")}
-    assert writer.accepts(of["control"])
-    assert not writer.accepts(of["x"])
-    assert not writer.accepts(of["x"])
-    assert writer.foreign == 2
-    assert len(caplog.records) == 1
+    counts = ForeignCounts(m.RobotState, m.PolicyAction)
+    writer = SingleWriter(retarget_runs.configure(), counts)
+    state, action = retarget_runs.state(0), retarget_runs.action(0)
+    assert writer.accepts(state)
+    assert writer.accepts(action)
+    for message in (state, state, action):
+        assert not writer.accepts(message.stamped(source="x", seq=1, t_mono_ns=0))
+    # The name of a node of another kind does not help.
+    assert not writer.accepts(action.stamped(source=retarget_runs.SIM, seq=1, t_mono_ns=0))
+    assert writer.foreign == 4
+    told = [(record.from_node, record.writer, record.cell) for record in caplog.records]
+    assert told == [
+        ("x", retarget_runs.SIM, retarget_runs.CELL),
+        (retarget_runs.SIM, retarget_runs.POLICY, retarget_runs.CELL),
+    ]
+
+
+def test_foreign_messages_are_counted_by_topic_over_episodes():
+    counts = ForeignCounts(m.RobotState, m.PolicyAction)
+    for epoch in (1, 2):
+        writer = SingleWriter(retarget_runs.configure(epoch=epoch), counts)
+        assert not writer.accepts(
+            retarget_runs.state(0, epoch=epoch).stamped(source="x", seq=1, t_mono_ns=0)
+        )
+        assert writer.foreign == 1
+    assert list(counts.levels()) == [
+        (FOREIGN, 2, ("robot/state",)),
+        (FOREIGN, 0, ("policy/action",)),
+    ]
+
+
+def test_an_episode_without_a_writer_is_refused():
+    configure = retarget_runs.configure().model_copy(update={"nodes": {"retarget": "arm"}})
+    with pytest.raises(InvalidValue, match="expected also policy, sim"):
+        SingleWriter(configure, ForeignCounts(m.RobotState, m.PolicyAction))
+
+
+@pytest.mark.parametrize("message", [m.EpisodeReady, m.NodeDescription])
+def test_what_several_kinds_send_or_none_has_no_single_writer(message):
+    with pytest.raises(InvalidValue, match=f"message is '{message.__name__}'"):
+        ForeignCounts(message)
+
+
+def test_faults_are_counted_when_they_are_latched():
+    latch = SafetyLatch()
+    for fault in (StaleCommand(0.06, 0.05), WrongShape("positions", 7, 6)):
+        # The second finds the latch taken.
+        latch.engage(fault)
+    for _ in range(3):
+        latch.engage(EmergencyStopped("sim-0", "button", ""))
+    latch.reset()
+    latch.engage(StaleCommand(0.06, 0.05))
+    assert {each.labels[0]: each.value for each in latch.levels()} == {
+        "E-EMERGENCY-STOP": 1,
+        "E-STALE-COMMAND": 2,
+        "E-SHAPE": 0,
+        "E-INVALID-VALUE": 0,
+    }
+    assert {each.metric for each in latch.levels()} == {FAULTS}
 
 
 @pytest.mark.parametrize("name", list_robots())

@@ -37,10 +37,11 @@ def folder(tmp_path_factory) -> Path:
 
 
 def frame(step: int = 0, *, cell: str = "sim-0", seed: int | None = None, px: int = 128):
+    """A frame of noise, of the simulation that owns the cell."""
     random = np.random.default_rng(step if seed is None else seed)
     left, right = random.integers(0, 256, size=(2, px * px), dtype=np.uint8)
     return m.StereoFrame(
-        header=m.Header(cell=cell, epoch=1, step=step, t_mono_ns=7 + step),
+        header=m.Header(cell=cell, epoch=1, source=cell, step=step, t_mono_ns=7 + step),
         camera="t265",
         width=px,
         height=px,

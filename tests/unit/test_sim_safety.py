@@ -12,6 +12,7 @@ from common import messages as m
 from common.clock import TICK_S
 from services.sim.reactor import SimReactor
 from services.sim.tool_log import ToolLog
+from tests.strangers import STRANGER, by_stranger, dropped, strangers_told
 from tests.unit.test_sim_reactor import (
     CELL,
     MS,
@@ -180,12 +181,15 @@ def test_an_emergency_stop_is_taken_when_nothing_runs_and_before_a_start():
 
 def test_only_the_nodes_of_the_episode_are_listened_to(caplog):
     reactor, _ = started()
-    stranger = m.Header(cell=CELL, episode="e", epoch=1, source="arm-2")
     for message in (command(0), command(0), motor(0), action(0)):
-        assert list(reactor.handle([message.model_copy(update={"header": stranger})])) == []
-    assert [record.from_node for record in caplog.records if hasattr(record, "from_node")] == [
-        "arm-2"
-    ]
+        assert list(reactor.handle([by_stranger(message)])) == []
+    assert strangers_told(caplog) == [STRANGER]
+    assert dropped(reactor) == {
+        "robot/command": 2,
+        "gripper/motor_command": 1,
+        "retarget/status": 0,
+        "policy/action": 1,
+    }
     (state,) = of(m.SafetyState, reactor.handle([m.Tick(5)]))
     assert state.counts.foreign_messages == 4
     # Its own still complete the tick.
