@@ -2,26 +2,38 @@
 # Needs BuildKit. Pin BASE by digest where builds have to be the same in a year.
 ARG BASE=python:3.11-slim-bookworm
 
+# The base image's own pip takes no hashes from a constraints file; the one that is locked does.
 FROM ${BASE} AS pip
-RUN python3 -m venv /tools && \
+COPY requirements-build.lock /
+RUN --mount=type=secret,id=pipconf,target=/run/pip.conf \
+    python3 -m venv /tools && \
     printf '#!/bin/sh\nPIP_CONFIG_FILE=/run/pip.conf HOME=/root exec /tools/bin/pip "$@"\n' \
-      > /tools/run-pip && chmod +x /tools/run-pip
+      > /tools/run-pip && chmod +x /tools/run-pip && \
+    /tools/run-pip install --quiet --require-hashes --only-binary=:all: -r /requirements-build.lock
 
 # A wheel of nothing but the project's metadata, equal to the bit as long as they are: what is
 # installed does not depend on the code, so a change of the code leaves the large layers alone.
 FROM pip AS tools
 WORKDIR /metadata
-COPY pyproject.toml constraints.txt ./
-RUN --mount=type=secret,id=pipconf,target=/run/pip.conf \
-    mkdir common && echo '__version__ = "0"' > common/__init__.py && touch README.md LICENSE && \
-    SOURCE_DATE_EPOCH=315532800 /tools/run-pip wheel --quiet --no-deps --wheel-dir /tools . && \
-    cp constraints.txt /tools
+COPY pyproject.toml constraints.txt requirements.lock ./
+RUN mkdir common && echo '__version__ = "0"' > common/__init__.py && touch README.md LICENSE && \
+    SOURCE_DATE_EPOCH=315532800 /tools/run-pip wheel --quiet --no-deps --no-build-isolation \
+      --wheel-dir /tools . && \
+    cp constraints.txt requirements.lock /tools
+# install-locked EXTRA: what the extra needs, in the version and with a hash of requirements.lock.
+# Of another package, version or file the build fails; nothing is compiled.
+RUN printf '%s\n' '#!/bin/sh' \
+      'wheel=/tools/legato-0-py3-none-any.whl' \
+      'hash=$(sha256sum "$wheel" | cut -d " " -f 1)' \
+      'exec /tools/run-pip --python /venv/bin/python install --quiet --require-hashes \' \
+      '  --only-binary=:all: -c /tools/requirements.lock "legato[$1] @ file://$wheel#sha256=$hash"' \
+      > /tools/install-locked && chmod +x /tools/install-locked
 
 FROM tools AS code
 WORKDIR /source
 COPY . .
-RUN --mount=type=secret,id=pipconf,target=/run/pip.conf \
-    /tools/run-pip install --quiet --no-deps --target /code . && rm -r /code/bin
+RUN /tools/run-pip install --quiet --no-deps --no-build-isolation --target /code . && \
+    rm -r /code/bin
 
 # What every service needs, one layer for all images. No pip and no compiler gets into them.
 FROM ${BASE} AS core
@@ -35,8 +47,7 @@ WORKDIR /tmp
 RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
     --mount=type=secret,id=pipconf,target=/run/pip.conf \
     --mount=type=cache,target=/root/.cache/pip \
-    python3 -m venv --without-pip /venv && /tools/run-pip --python /venv/bin/python \
-      install --quiet -c /tools/constraints.txt /tools/legato-0-py3-none-any.whl
+    python3 -m venv --without-pip /venv && /tools/install-locked router
 HEALTHCHECK --interval=3s --timeout=3s --start-period=90s --retries=3 \
     CMD ["python", "-m", "common.health"]
 
@@ -55,8 +66,7 @@ FROM core AS sim
 RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
     --mount=type=secret,id=pipconf,target=/run/pip.conf \
     --mount=type=cache,target=/root/.cache/pip \
-    /tools/run-pip --python /venv/bin/python \
-      install --quiet -c /tools/constraints.txt '/tools/legato-0-py3-none-any.whl[sim]'
+    /tools/install-locked sim
 COPY --from=code /code /code
 # The camera's kernels are compiled here, for any processor: code for the one that builds would be
 # compiled again, for most of a minute, on every other. Numba reads its cache only where it can also
@@ -74,8 +84,7 @@ RUN apt-get update -q && apt-get install -q -y --no-install-recommends libgomp1 
 RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
     --mount=type=secret,id=pipconf,target=/run/pip.conf \
     --mount=type=cache,target=/root/.cache/pip \
-    /tools/run-pip --python /venv/bin/python \
-      install --quiet -c /tools/constraints.txt '/tools/legato-0-py3-none-any.whl[retarget]' && \
+    /tools/install-locked retarget && \
     rm -r /venv/lib/python3*/site-packages/cmeel.prefix/include
 COPY --from=code /code /code
 USER 10001:10001
@@ -88,8 +97,7 @@ RUN apt-get update -q && apt-get install -q -y --no-install-recommends libgomp1 
 RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
     --mount=type=secret,id=pipconf,target=/run/pip.conf \
     --mount=type=cache,target=/root/.cache/pip \
-    /tools/run-pip --python /venv/bin/python \
-      install --quiet -c /tools/constraints.txt '/tools/legato-0-py3-none-any.whl[all]' && \
+    /tools/install-locked all && \
     rm -r /venv/lib/python3*/site-packages/cmeel.prefix/include
 COPY --from=code /code /code
 ENV NUMBA_CPU_NAME=generic
@@ -103,13 +111,13 @@ FROM core AS policy
 RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
     --mount=type=secret,id=pipconf,target=/run/pip.conf \
     --mount=type=cache,target=/root/.cache/pip \
-    /tools/run-pip --python /venv/bin/python \
-      install --quiet -c /tools/constraints.txt '/tools/legato-0-py3-none-any.whl[policy]' && \
+    /tools/install-locked policy && \
     install -d -o 10001 -g 10001 /checkpoints
 COPY --from=code /code /code
 USER 10001:10001
 ENTRYPOINT ["python", "-m", "services.policy", "--checkpoints=/checkpoints"]
 
+# Torch is not in the lock: its builds for CPU and CUDA have different files.
 FROM core AS policy-gpu
 RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
     --mount=type=secret,id=pipconf,target=/run/pip.conf \
@@ -126,8 +134,7 @@ FROM core AS control
 RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
     --mount=type=secret,id=pipconf,target=/run/pip.conf \
     --mount=type=cache,target=/root/.cache/pip \
-    /tools/run-pip --python /venv/bin/python \
-      install --quiet -c /tools/constraints.txt '/tools/legato-0-py3-none-any.whl[control]' && \
+    /tools/install-locked control && \
     install -d -o 10001 -g 10001 /data
 COPY --from=code /code /code
 USER 10001:10001

@@ -55,10 +55,11 @@ $(TOOLS):
 	.venv-tools/bin/python -m pip install --quiet --disable-pip-version-check cyclonedx-bom==7.5.0 uv==0.13.9
 	@touch $@
 
-lock: $(TOOLS) ## write requirements.lock: everything that runs without PyTorch, with hashes
-	.venv-tools/bin/uv pip compile --quiet --extra all --constraint constraints.txt \
-	  --universal --python-version 3.11 --generate-hashes --no-annotate \
-	  --custom-compile-command 'make lock' --output-file requirements.lock pyproject.toml
+COMPILE := .venv-tools/bin/uv pip compile --quiet --universal --python-version 3.11 \
+	--generate-hashes --no-annotate --custom-compile-command 'make lock'
+lock: $(TOOLS) ## write what runs without PyTorch, and what builds the images, with hashes
+	$(COMPILE) --extra all --constraint constraints.txt --output-file requirements.lock pyproject.toml
+	$(COMPILE) --group image --output-file requirements-build.lock
 
 $(LOCKED): requirements.lock $(TOOLS)
 	$(PY) -m venv --clear --without-pip build/locked

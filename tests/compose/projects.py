@@ -101,6 +101,22 @@ class Project:
         return json.loads(self.compose("config", "--format=json"))
 
 
+def build(target: str, folder: Path, *, context: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    """Build one target of a Dockerfile, as `compose.yaml` builds its own.
+
+    Args:
+        target: Stage of the Dockerfile; the image becomes `legato-TARGET`.
+        folder: Empty folder for a Compose file.
+        context: Folder of the Dockerfile.
+    """
+    ours = Project().config()
+    arguments = {**ours["services"]["router"]["build"], "context": str(context), "target": target}
+    service = {"image": f"legato-{target}", "build": arguments}
+    file = folder / "compose.json"
+    file.write_text(json.dumps({"services": {target: service}, "secrets": ours["secrets"]}))
+    return Project(files=(str(file),)).run("build", timeout_s=BUILD_S)
+
+
 @contextmanager
 def started(project: Project, *arguments: str) -> Iterator[Project]:
     """Start a project; in the end remove its containers, networks and volumes."""
