@@ -438,10 +438,7 @@ class CertsAdd(Command):
     name: str | None = None
     """Folder of the certificate in there (default: the role)."""
     cell: Repeated = ()
-    """Cell in which alone it has rights, sim-lab* for all that begin so; give it again for more.
-
-    Such a certificate can be revoked; * stands for all cells.
-    """
+    """Only cell in which it has rights (x*: those that begin so); repeat for more; revocable."""
     host: Repeated = ()
     """Router: name or address under which other machines reach it; give it again for more."""
     days: int = 365
