@@ -1,4 +1,4 @@
-"""A private certificate authority in a folder, and one certificate per role."""
+"""A private certificate authority in a folder, one certificate per role, and further ones."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from common.bus.access import ROLES, Role
+from common.bus.access import ROLES, Role, role_named
+from common.bus.grants import Grant, add_grant
 from common.errors import BadCertificate, InvalidValue, MissingExtra, NotWritable
 
 try:
@@ -41,14 +42,42 @@ class Authority:
     certificate: x509.Certificate
     key: ec.EllipticCurvePrivateKey
 
-    def issue(self, role: Role, *, name: str, hosts: Sequence[str], days: int) -> Path:
+    def issue_for(self, grant: Grant, *, days: int) -> Path:
+        """Make the folder of a certificate with rights in some cells, and write them down.
+
+        Args:
+            grant: The rights; its name is the folder and the common name.
+            days: How long it is valid.
+
+        Raises:
+            InvalidValue: There is, or was, one of that name.
+            BadGrants: The router's file of rights cannot be used.
+            NotWritable: The folder cannot be made.
+        """
+
+        def issue() -> Path:
+            role = role_named(grant.role)
+            return self.issue(role, name=grant.name, hosts=(), days=days, common_name=grant.name)
+
+        return add_grant(router_folder(self.folder), grant, issue=issue)
+
+    def issue(
+        self,
+        role: Role,
+        *,
+        name: str,
+        hosts: Sequence[str],
+        days: int,
+        common_name: str | None = None,
+    ) -> Path:
         """Make the folder of one certificate: `ca.pem`, `cert.pem`, `key.pem`.
 
         Args:
-            role: Its common name, by which the router grants rights.
+            role: What it is for.
             name: Folder.
             hosts: Names and addresses of a router beside those that each has.
             days: How long it is valid.
+            common_name: By which the router grants rights; that of the role if it is None.
 
         Raises:
             InvalidValue: There is such a folder already, hosts for another role than the router, or
@@ -63,7 +92,7 @@ class Authority:
         names = [_host(host) for host in (*ROUTER_NAMES, *hosts)] if role.name == "router" else []
         key = ec.generate_private_key(ec.SECP256R1())
         certificate = _sign(
-            _begin(role.name, key, days=days)
+            _begin(common_name or role.name, key, days=days)
             .issuer_name(self.certificate.subject)
             .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
             .add_extension(_key_usage(signs=False), critical=True)
@@ -139,6 +168,27 @@ def open_authority(folder: Path) -> Authority:
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise BadCertificate(str(folder / "ca.key"), "not a key that LEGATO has made")
     return Authority(folder, certificate, key)
+
+
+def read_certificate(path: Path) -> tuple[str, datetime]:
+    """Common name of a certificate, and until when it is valid.
+
+    Raises:
+        BadCertificate: It cannot be read.
+    """
+    try:
+        certificate = x509.load_pem_x509_certificate(path.read_bytes())
+        (name,) = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    except OSError as error:
+        raise BadCertificate(str(path), error.strerror or str(error)) from error
+    except ValueError as error:
+        raise BadCertificate(str(path), "not a certificate of LEGATO") from error
+    return str(name.value), certificate.not_valid_after_utc
+
+
+def router_folder(folder: Path) -> Path:
+    """Where an authority keeps the router's certificate, and who has rights in some cells."""
+    return folder / "router"
 
 
 def _begin(

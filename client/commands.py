@@ -437,10 +437,32 @@ class CertsAdd(Command):
     """Folder of the authority."""
     name: str | None = None
     """Folder of the certificate in there (default: the role)."""
+    cell: Repeated = ()
+    """Only cell in which it has rights (x*: those that begin so); repeat for more; revocable."""
     host: Repeated = ()
     """Router: name or address under which other machines reach it; give it again for more."""
     days: int = 365
     """How long it is valid."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertsList(Command):
+    """List the certificates of an authority: role, cells, until when, since when revoked."""
+
+    out: Path = Path("certs")
+    """Folder of the authority."""
+    json: bool = False
+    """Print one JSON object."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertsRevoke(Command):
+    """Take the rights of a certificate away that was made with --cell."""
+
+    name: Positional[str]
+    """Name of the certificate."""
+    out: Path = Path("certs")
+    """Folder of the authority."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -50,6 +50,8 @@ VERBS: dict[tuple[str, ...], tuple[type[commands.Command], str]] = {
     ("data", "import"): (commands.DataImport, "convert:read"),
     ("certs", "create"): (commands.CertsCreate, "certs:create"),
     ("certs", "add"): (commands.CertsAdd, "certs:add"),
+    ("certs", "list"): (commands.CertsList, "certs:show_all"),
+    ("certs", "revoke"): (commands.CertsRevoke, "certs:revoke"),
     ("topic", "list"): (commands.TopicList, "topic:list_topics"),
     ("topic", "echo"): (commands.TopicEcho, "topic:echo"),
     ("topic", "hz"): (commands.TopicHz, "topic:measure"),

@@ -2,9 +2,9 @@
 
 LegatoError
 ├─ ConfigError      UnknownName, InvalidValue, BadCertificate, MissingExtra, UntrainedTask,
-│                   BadKeyFile, Exposed
+│                   BadKeyFile, BadGrants, NotRevocable, Exposed
 ├─ AccessError      KeyRefused, RoleTooLow, ForeignPage, TooManyCalls
-├─ ContractError    SchemaMismatch, MalformedMessage, WrongShape
+├─ ContractError    SchemaMismatch, MalformedMessage, ForeignMessage, WrongShape
 ├─ ModelError       BadRobotFile, ModelMismatch, BadCalibration, FootholdOutOfReach,
 │                   UnsupportedGeom, BadMeshes, MeshesDoNotFit
 ├─ LinkError        RouterUnreachable (and RouterRefused), NotReady, NodeTimeout, AlreadyRunning,
@@ -145,6 +145,37 @@ class BadKeyFile(ConfigError):
         )
 
 
+class BadGrants(ConfigError):
+    """A file of rights in some cells that cannot be used."""
+
+    code = "E-GRANTS"
+
+    def __init__(self, path: str, problem: str) -> None:
+        self.path = path
+        self.problem = problem
+        super().__init__(
+            f"rights in {path}: {problem}",
+            expected="expected a file as `legato certs add --cell` and `revoke` write it",
+            action="correct the path or the permissions, or bring back a copy (docs/security.md)",
+        )
+
+
+class NotRevocable(ConfigError):
+    """A certificate that the router cannot tell from others of its role."""
+
+    code = "E-NOT-REVOCABLE"
+
+    def __init__(self, name: str, role: str) -> None:
+        self.name = name
+        self.role = role
+        super().__init__(
+            f"the certificate {name} is one of many with the rights of {role}",
+            expected="expected one that was made with --cell, which has a name of its own",
+            action="make a new authority (legato certs create --out NEW), give every process "
+            "its folder from there and start all again (docs/security.md)",
+        )
+
+
 class Exposed(ConfigError):
     """A listener that others could reach without saying who they are."""
 
@@ -266,6 +297,25 @@ class MalformedMessage(ContractError):
         super().__init__(
             f"{topic}: {problem}",
             expected=f"expected a valid {schema}",
+            action="look at the sender; the message was dropped",
+        )
+
+
+class ForeignMessage(ContractError):
+    """A message that speaks of another cell or node than the one on whose key it came.
+
+    Rights go by keys: believed, it would carry them further.
+    """
+
+    code = "E-FOREIGN"
+
+    def __init__(self, topic: str, owner: str, spoken_of: str) -> None:
+        self.topic = topic
+        self.owner = owner
+        self.spoken_of = spoken_of
+        super().__init__(
+            f"{topic} of {owner} speaks of {spoken_of or 'nobody'}",
+            expected=f"expected it to speak of {owner}",
             action="look at the sender; the message was dropped",
         )
 

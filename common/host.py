@@ -15,8 +15,9 @@ from common import __version__
 from common.bus import Bus, Handed, Inbox, Received, Subscription, decode
 from common.bus.bus import DescribeRequest
 from common.episode_log import EpisodeLog
-from common.errors import ContractError
+from common.errors import ContractError, ForeignMessage
 from common.messages import (
+    ONLY_CELLS,
     AskDescription,
     EpisodeAbort,
     EpisodeConfigure,
@@ -43,7 +44,16 @@ HEARTBEAT_NS = 1_000_000_000
 
 
 class Host:
-    """One reactor on a bus: it receives, decodes, fences epochs, stamps, publishes and counts."""
+    """One reactor on a bus: it receives, decodes, fences epochs, stamps, publishes and counts.
+
+    Args:
+        reactor: The service.
+        bus: Where it speaks and hears.
+        node: Its name.
+        sink: Takes the local messages that the reactor returns.
+        exporter: Is told everything that is measured.
+        cells: Cells in which it has rights, which its description says.
+    """
 
     def __init__(
         self,
@@ -53,6 +63,7 @@ class Host:
         node: str,
         sink: Sink | None = None,
         exporter: Exporter | None = None,
+        cells: Sequence[str] = ("*",),
     ) -> None:
         self.reactor = reactor
         self.node = node
@@ -70,6 +81,7 @@ class Host:
         self._tally = Tally()
         self._episodes = EpisodeLog()
         self._exporter = exporter
+        self._cells = tuple(cells)
         if exporter is not None:
             exporter.watch(self._tally, self.inbox)
         self._started_unix_s = time.time()
@@ -130,9 +142,13 @@ class Host:
             host=socket.gethostname(),
             pid=os.getpid(),
             started_unix_s=self._started_unix_s,
-            offers=dict(self.reactor.offers()),
+            offers=self._offers(),
             checkpoints=dict(self.reactor.checkpoints()),
         )
+
+    def _offers(self) -> dict[str, list[str]]:
+        limits = {} if "*" in self._cells else {ONLY_CELLS: list(self._cells)}
+        return {**self.reactor.offers(), **limits}
 
     def metrics(self) -> NodeMetrics:
         """Counters since the start."""
@@ -200,7 +216,10 @@ class Host:
     def _decode(self, item: Received) -> Message | None:
         topic = item.topic
         try:
-            return decode(topic, item.encoding, item.payload)
+            message = decode(topic, item.encoding, item.payload)
+            if message.owner != item.owner:
+                raise ForeignMessage(topic.name, item.owner, message.owner)
+            return message
         except ContractError as error:
             self._tally.rejected[topic.name] += 1
             if (topic.name, error.code) not in self._complained:

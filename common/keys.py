@@ -6,14 +6,10 @@ a slow hash would; those are for passwords, which people choose.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import hmac
-import os
 import secrets
-import tempfile
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from collections.abc import Callable
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -22,6 +18,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError, model_validator
 
 from common.errors import BadKeyFile, InvalidValue, UnknownName
+from common.files import lock_folder, replace_file
 from common.messages.base import Name
 
 _CONFIG = ConfigDict(extra="forbid", frozen=True)
@@ -150,34 +147,10 @@ def revoke_key(path: Path, *, name: str) -> None:
 def _change(path: Path, change: Callable[[KeyFile], KeyFile], *, may_make: bool) -> None:
     """Replace a file in one step; who changes it at the same time waits."""
     try:
-        with _locked(path.parent):
+        with lock_folder(path.parent):
             exists = path.exists()
             after = change(read_keys(path) if exists or not may_make else KeyFile())
-            _replace(path, after, mode=path.stat().st_mode & 0o777 if exists else 0o644)
+            text = after.model_dump_json(indent=2) + "\n"
+            replace_file(path, text, mode=path.stat().st_mode & 0o777 if exists else 0o644)
     except OSError as error:
         raise BadKeyFile(str(path), error.strerror or str(error)) from error
-
-
-def _replace(path: Path, file: KeyFile, *, mode: int) -> None:
-    descriptor, fresh = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(descriptor, "w") as output:
-            output.write(file.model_dump_json(indent=2) + "\n")
-            output.flush()
-            os.fsync(output.fileno())
-        Path(fresh).chmod(mode)
-        Path(fresh).replace(path)
-    except BaseException:
-        Path(fresh).unlink(missing_ok=True)
-        raise
-
-
-@contextmanager
-def _locked(folder: Path) -> Generator[None, None, None]:
-    """Hold the lock of a folder; a lock of its own file would be left behind."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from common.bus import Bus, BusSettings, open_session
 from common.bus.access import check_node_name
+from common.bus.grants import check_cell
 from common.errors import AlreadyRunning, RouterUnreachable
 from common.health import Heartbeat
 from common.host import Host, Sink
@@ -72,11 +73,13 @@ def run_process(
     Raises:
         RouterUnreachable: No router in time.
         AlreadyRunning: `unique`, and there is one.
-        InvalidValue: Access control would silence a node of this name.
+        InvalidValue: Access control would silence a node or a cell of this name.
         PortInUse: Something else listens where the metrics are to be.
     """
     if settings.credentials is not None:
         check_node_name(reactor.kind, node)
+        check_cell(reactor.owned_cell, settings.credentials.cells)
+    cells = ("*",) if settings.credentials is None else settings.credentials.cells
     if stop is None:
         stop = threading.Event()
         install_stop_signals(stop)
@@ -89,7 +92,7 @@ def run_process(
         ):
             if unique:
                 _refuse_second(bus, reactor.kind, settings)
-            host = Host(reactor, bus, node=node, sink=sink, exporter=exporter)
+            host = Host(reactor, bus, node=node, sink=sink, exporter=exporter, cells=cells)
             host.start()
             log.info("ready", extra={"kind": reactor.kind, "node": node})
             if on_host is not None:

@@ -1,18 +1,23 @@
 """Who may say and hear what on the bus: the roles, and the router's rules made of them.
 
-A certificate's common name is its role. Everything that no rule allows is dropped by the router,
-silently: what a role needs has to stand here, and `tests/contract` compares it with the services.
+A certificate's common name is its role, or a name that has a role in some cells only
+(`common/bus/grants.py`). Everything that no rule allows is
+dropped by the router, silently: what a role needs has to stand here, and `tests/contract` compares
+it with the services.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from common import messages as m
 from common.errors import InvalidValue, UnknownName
-from common.topics import TOPICS, key_of, topics_of
+from common.topics import TOPICS, Topic, key_of, topics_of
+
+if TYPE_CHECKING:
+    from common.bus.grants import Grant
 
 Flow = Literal["ingress", "egress"]
 """Seen from the router: what comes from a process, what goes to it."""
@@ -29,6 +34,7 @@ class Role:
         reads: Messages that it may receive.
         writes: Messages that it may send.
         watches: Whether it may see which nodes are alive and ask them what they are.
+        per_cell: Whether a certificate may have these rights in some cells only.
     """
 
     name: str
@@ -36,13 +42,14 @@ class Role:
     reads: tuple[type[m.Message], ...] = ()
     writes: tuple[type[m.Message], ...] = ()
     watches: bool = False
+    per_cell: bool = True
 
 
 _POLICY_READS = (m.EpisodeConfigure, m.EpisodeAbort, m.PolicyLoad, m.StereoFrame)
 _POLICY_WRITES = (m.EpisodeReady, m.PolicyAction, m.PolicyLoaded, m.NodeMetrics)
 
 ROLES: tuple[Role, ...] = (
-    Role("router", "router", writes=(m.NodeMetrics,)),
+    Role("router", "router", writes=(m.NodeMetrics,), per_cell=False),
     Role(
         "control",
         "control",
@@ -65,6 +72,7 @@ ROLES: tuple[Role, ...] = (
             m.NodeMetrics,
         ),
         watches=True,
+        per_cell=False,
     ),
     Role(
         "sim",
@@ -148,51 +156,59 @@ def check_node_name(kind: str, node: str) -> None:
         )
 
 
-def make_access_control(namespace: str) -> dict[str, Any]:
+def make_access_control(namespace: str, grants: Iterable[Grant] = ()) -> dict[str, Any]:
     """Zenoh's configuration `access_control` for the keys of one namespace; all others are denied.
+
+    Args:
+        namespace: Prefix of the keys.
+        grants: Rights in some cells only, beside those of the roles. Revoked ones give none.
 
     Source: Zenoh 1.10, DEFAULT_CONFIG.json5, section access_control.
     """
+    holders = [(role.name, role, ("*",)) for role in ROLES]
+    holders += [
+        (grant.name, role_named(grant.role), grant.cells)
+        for grant in grants
+        if grant.revoked is None
+    ]
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
-    for role in ROLES:
+    for name, role, cells in holders:
         own = [
             {
-                "id": f"{role.name}-{number}",
+                "id": f"{name}-{number}",
                 "permission": "allow",
                 "flows": [flow],
                 "messages": list(messages),
                 "key_exprs": [f"{namespace}/{key}" for key in keys],
             }
-            for number, (flow, messages, keys) in enumerate(_grants(role))
+            for number, (flow, messages, keys) in enumerate(_rights(role, cells))
         ]
         rules += own
-        policies.append({"rules": [rule["id"] for rule in own], "subjects": [role.name]})
+        policies.append({"rules": [rule["id"] for rule in own], "subjects": [name]})
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": rules,
-        "subjects": [{"id": role.name, "cert_common_names": [role.name]} for role in ROLES],
+        "subjects": [{"id": name, "cert_common_names": [name]} for name, _, _ in holders],
         "policies": policies,
     }
 
 
-def _grants(role: Role) -> Iterable[tuple[Flow, Sequence[str], Sequence[str]]]:
-    """Flow, kinds of Zenoh messages and keys of everything that a role may do."""
+def _rights(
+    role: Role, cells: Sequence[str]
+) -> Iterable[tuple[Flow, Sequence[str], Sequence[str]]]:
+    """Flow, kinds of Zenoh messages and keys of everything that a role may do in these cells."""
+    # Zenoh's word for the rest of a name.
+    owners = [cell if cell == "*" else cell.replace("*", "$*") for cell in cells]
     if role.reads:
-        heard = [key_of(topic, "*") for topic in topics_of(role.reads)]
-        yield "ingress", ("declare_subscriber",), heard
-        yield "egress", ("put",), heard
+        heard = topics_of(role.reads)
+        # Episodes are waited for in all cells by one subscription; what it is told is decided here.
+        yield "ingress", ("declare_subscriber",), [key_of(topic, "*") for topic in heard]
+        yield "egress", ("put",), _keys(heard, owners=owners, nodes="*")
     if role.kind is not None:
         own = f"{role.kind}$*"
-        yield (
-            "ingress",
-            ("put",),
-            [
-                key_of(topic, "*" if topic.scope == "cell" else own)
-                for topic in topics_of(role.writes)
-            ],
-        )
+        yield "ingress", ("put",), _keys(topics_of(role.writes), owners=owners, nodes=own)
         yield "ingress", ("liveliness_token",), [f"alive/{role.kind}/{own}"]
         yield "ingress", ("declare_queryable", "reply"), [f"rpc/{own}/describe"]
         yield "egress", ("query",), [f"rpc/{own}/describe"]
@@ -201,3 +217,11 @@ def _grants(role: Role) -> Iterable[tuple[Flow, Sequence[str], Sequence[str]]]:
         yield "egress", ("liveliness_token",), ["alive/*/*"]
         yield "ingress", ("query",), ["rpc/*/describe"]
         yield "egress", ("reply",), ["rpc/*/describe"]
+
+
+def _keys(topics: Iterable[Topic], *, owners: Sequence[str], nodes: str) -> list[str]:
+    return [
+        key_of(topic, owner)
+        for topic in topics
+        for owner in (owners if topic.scope == "cell" else (nodes,))
+    ]

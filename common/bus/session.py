@@ -18,6 +18,7 @@ from typing import Literal
 import zenoh
 
 from common.bus.access import make_access_control
+from common.bus.grants import Grant
 from common.bus.tls import Credentials
 from common.errors import InvalidValue, PortInUse, RouterRefused, RouterUnreachable
 
@@ -39,6 +40,7 @@ class BusSettings:
         namespace: Deployment or test; prefixes every key, so two of them never meet.
         credentials: Certificate, for an endpoint `tls/...`. A router that has one asks everybody
             for one and lets each role do what `common/bus/access.py` says, in this namespace only.
+        grants: Router with credentials: who has the rights of a role in some cells only.
 
     Raises:
         InvalidValue: `tls/...` without credentials, or credentials that would not be used.
@@ -48,6 +50,7 @@ class BusSettings:
     endpoint: str = "tcp/127.0.0.1:7447"
     namespace: str = "legato"
     credentials: Credentials | None = None
+    grants: tuple[Grant, ...] = ()
 
     def __post_init__(self) -> None:
         if self.credentials is not None:
@@ -99,7 +102,7 @@ def _config(settings: BusSettings) -> zenoh.Config:
     if settings.credentials is not None:
         values |= _encryption(settings.credentials)
         if settings.profile == "router":
-            values["access_control"] = make_access_control(settings.namespace)
+            values["access_control"] = make_access_control(settings.namespace, settings.grants)
     config = zenoh.Config()
     for path, value in values.items():
         config.insert_json5(path, json.dumps(value))

@@ -1,4 +1,4 @@
-"""The certificate of a process: three files, checked before they are used."""
+"""The certificate of a process: its files, checked before they are used."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from common.bus.grants import read_own
 from common.errors import BadCertificate
 
 PROBE_S = 1.0
@@ -19,25 +20,33 @@ class Credentials:
 
     Args:
         authority: Certificate of the authority that signed every other one.
-        certificate: Its own; the common name is its role.
+        certificate: Its own; the common name is its role, or a name with rights in some cells.
         key: Private key of its own certificate.
+        cells: Cells in which it has rights, as `common/bus/grants.py` writes them. The router does
+            not ask here; it is for control to know.
     """
 
     authority: Path
     certificate: Path
     key: Path
+    cells: tuple[str, ...] = ("*",)
 
     @classmethod
     def from_folder(cls, folder: Path) -> Self:
-        """The files `ca.pem`, `cert.pem` and `key.pem` of a folder, as `legato certs` makes it.
+        """The files of a folder as `legato certs` makes it: `ca.pem`, `cert.pem`, `key.pem`.
+
+        Where it has rights in some cells only, `grant.json` says in which.
 
         Raises:
             BadCertificate: One is missing or unreadable, they do not belong together, or are not
                 valid now.
+            BadGrants: `grant.json` is there and cannot be used.
         """
         # Zenoh reads them later and elsewhere.
         whole = folder.resolve()
-        found = cls(whole / "ca.pem", whole / "cert.pem", whole / "key.pem")
+        grant = read_own(whole)
+        cells = ("*",) if grant is None else grant.cells
+        found = cls(whole / "ca.pem", whole / "cert.pem", whole / "key.pem", cells)
         for path in (found.authority, found.certificate, found.key):
             try:
                 path.read_bytes()

@@ -23,7 +23,7 @@ from common.messages.episode import (
 )
 from common.messages.gripper import GripperState, MotorCommand, MotorState
 from common.messages.local import AskDescription, LocalMessage, NodeDown, NodeUp, Tick
-from common.messages.node import NodeDescription, NodeMetrics
+from common.messages.node import ONLY_CELLS, NodeDescription, NodeMetrics
 from common.messages.policy import ActionStep, GroundTruth, Motion, PolicyAction
 from common.messages.robot import RetargetStatus, RobotCommand, RobotState
 from common.messages.safety import (
@@ -105,6 +105,7 @@ __all__ = [
     "CheckpointDescription",
     "PolicyLoad",
     "PolicyLoaded",
+    "ONLY_CELLS",
     "NodeDescription",
     "NodeMetrics",
 ]

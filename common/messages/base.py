@@ -96,6 +96,11 @@ class Message(BaseModel):
         """Name and version as they stand in the encoding, e.g. `legato.RobotState.v1`."""
         return f"legato.{cls.__name__}.v{cls.version}"
 
+    @property
+    def owner(self) -> str:
+        """The cell or node it speaks of, on whose key it has to come."""
+        return self.header.cell or self.header.source
+
     def stamped(self, *, source: str, seq: int, t_mono_ns: int) -> Self:
         """The same message as it leaves a process: who sent it, as which one, and when."""
         header = _replaced(self.header, source=source, seq=seq, t_mono_ns=t_mono_ns)

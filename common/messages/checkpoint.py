@@ -54,3 +54,8 @@ class PolicyLoaded(Message):
     checkpoint: CheckpointDescription | None = None
     problem: Problem | None = None
     """Set if and only if `checkpoint` is not."""
+
+    @property
+    def owner(self) -> str:
+        """The node it speaks of."""
+        return self.node

@@ -8,6 +8,9 @@ from pydantic import Field
 from common.messages.base import Message, Name, Natural
 from common.messages.checkpoint import CheckpointDescription
 
+ONLY_CELLS = "only_cells"
+"""In `offers`: patterns of the only cells in which the node has rights; without it, all."""
+
 
 class NodeDescription(Message):
     """What a node is and offers; the answer to `describe`."""
@@ -23,11 +26,16 @@ class NodeDescription(Message):
     pid: Natural
     started_unix_s: Annotated[float, Ge(0)]
     offers: dict[str, list[str]]
-    """What it can serve: `robots`, `policies`, `tasks`, `cells`."""
+    """What it can serve: `robots`, `policies`, `tasks`, `cells`; `only_cells`: where it may."""
     checkpoints: dict[Name, CheckpointDescription] = Field(
         default_factory=dict[Name, CheckpointDescription]
     )
     """Which of the policies are learned, and what they are."""
+
+    @property
+    def owner(self) -> str:
+        """The node it speaks of."""
+        return self.node
 
 
 class NodeMetrics(Message):
@@ -46,3 +54,8 @@ class NodeMetrics(Message):
     """Sequence numbers that never arrived."""
     handle_time_s: Annotated[float, Ge(0)]
     """Time inside the reactor."""
+
+    @property
+    def owner(self) -> str:
+        """The node it speaks of."""
+        return self.node

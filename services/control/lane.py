@@ -107,26 +107,21 @@ class EvaluationRun:
         return self.waiting != before
 
     def take_next(
-        self, registry: NodeRegistry, load: Counter[str], now_ns: int
+        self, registry: NodeRegistry, load: Counter[str], now_ns: int, *, cell: str
     ) -> tuple[TrialSpec, dict[str, str]] | None:
-        """Take the first trial all of whose nodes are there.
+        """Take the first trial all of whose nodes are there and may serve a cell.
 
         Returns:
             The trial and its nodes by kind, without the simulation: the caller has the cell.
         """
-        ready = [
-            lane
-            for lane in self._lanes.values()
-            if lane.pending and lane.held_until_ns <= now_ns and not registry.missing(lane.needs)
+        waiting = [
+            lane for lane in self._lanes.values() if lane.pending and lane.held_until_ns <= now_ns
         ]
-        if not ready:
-            return None
-        lane = min(ready, key=lambda lane: lane.pending[0][0])
-        chosen = {
-            need.kind: registry.choose(need, load) for need in lane.needs if need.kind != "sim"
-        }
-        nodes = {kind: node for kind, node in chosen.items() if node is not None}
-        return lane.pop(), nodes
+        for lane in sorted(waiting, key=lambda lane: lane.pending[0][0]):
+            nodes = registry.choose(lane.needs, load, cell=cell)
+            if nodes is not None:
+                return lane.pop(), nodes
+        return None
 
     def take_overdue(
         self, limit_s: float, now_ns: int

@@ -6,7 +6,9 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from common.api import ServiceInfo
+from common.bus.grants import includes
 from common.messages import (
+    ONLY_CELLS,
     CheckpointDescription,
     NodeDescription,
     NodeMetrics,
@@ -44,6 +46,11 @@ class Node:
     def offers(self, what: str, name: str) -> bool:
         """Whether it offers, or offered before it was lost, e.g. the robot `panda`."""
         return self.description is not None and name in self.description.offers.get(what, [])
+
+    def may_serve(self, cell: str) -> bool:
+        """Whether it has rights in a cell, by its own words; access control goes by others."""
+        offers = {} if self.description is None else self.description.offers
+        return includes(offers.get(ONLY_CELLS, ["*"]), cell)
 
     def info(self) -> ServiceInfo:
         """The node as REST shows it."""
@@ -178,18 +185,37 @@ class NodeRegistry:
         found = [node for node in self._nodes.values() if node.ready and need.is_met_by(node)]
         return sorted(found, key=lambda node: node.node)
 
-    def choose(self, need: Need, load: Counter[str]) -> str | None:
-        """The least loaded node that meets a need, by name among equals."""
-        found = self.ready(need)
-        return min(found, key=lambda node: load[node.node]).node if found else None
+    def choose(
+        self, needs: tuple[Need, ...], load: Counter[str], *, cell: str
+    ) -> dict[str, str] | None:
+        """For each need the least loaded node that meets it in a cell, by name among equals.
+
+        Returns:
+            Kind -> node, without the cell's own; None if there is none for some need.
+        """
+        chosen: dict[str, str] = {}
+        for need in needs:
+            if need.kind != "sim":
+                found = [node for node in self.ready(need) if node.may_serve(cell)]
+                if not found:
+                    return None
+                chosen[need.kind] = min(found, key=lambda node: load[node.node]).node
+        return chosen
 
     def missing(self, needs: tuple[Need, ...]) -> tuple[str, ...]:
-        """Who is missing: the node that left last, else what kind of node it should be."""
+        """Who is missing: the node that left last, else what kind of node it should be.
+
+        If nobody is, but no cell is there in which all of them have rights, that.
+        """
         names: list[str] = []
         for need in needs:
             if not self.ready(need):
                 left = [n.node for n in self._nodes.values() if not n.alive and need.is_met_by(n)]
                 names.append(f"{need.kind} {left[-1]}" if left else str(need))
+        cells = [sim.node for sim in self.ready(Need("sim"))]
+        if not names and all(self.choose(needs, Counter(), cell=cell) is None for cell in cells):
+            wanted = ", ".join(str(need) for need in needs if need.kind != "sim")
+            names.append(f"a cell in which {wanted} have rights")
         return tuple(names)
 
     def versions(self, nodes: dict[str, str], *, policy: str) -> dict[str, str]:

@@ -271,7 +271,7 @@ class Scheduler(Reactor):
             if sim.node in self._attempts or self._safety.is_stopped(sim.node):
                 continue
             for run in self._runs.values():
-                taken = run.take_next(self._registry, load, now_ns)
+                taken = run.take_next(self._registry, load, now_ns, cell=sim.node)
                 if taken is not None:
                     trial, nodes = taken
                     self._begin(run, trial, {"sim": sim.node, **nodes}, now_ns)

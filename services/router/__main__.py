@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import threading
 from collections.abc import Sequence
+from pathlib import Path
 
 from common.bus import BusSettings, open_session
+from common.bus.grants import Grant, read_grants
 from common.errors import Exposed, InvalidValue, LegatoError
 from common.exposure import is_loopback
 from common.log import configure_logging
@@ -20,6 +23,8 @@ from common.process import (
 )
 from common.service import install_stop_signals, run_process
 from services.router.presence import Presence
+
+log = logging.getLogger(__name__)
 
 _LOOPBACK = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}
 
@@ -43,6 +48,7 @@ def run(args: argparse.Namespace) -> None:
         Exposed: Others could reach it, and nobody has said that they may.
         InvalidValue: `--listen` is not `host:port`.
         BadCertificate: `--certs` cannot be used.
+        BadGrants: The rights in its folder cannot be used.
         PortInUse: Something else listens there.
     """
     host, port = split_address(args.listen)
@@ -52,7 +58,8 @@ def run(args: argparse.Namespace) -> None:
     stop = threading.Event()
     install_stop_signals(stop)
     scheme = "tcp" if credentials is None else "tls"
-    router = BusSettings("router", f"{scheme}/{host}:{port}", args.namespace, credentials)
+    grants = () if credentials is None else load_grants(args.certs)
+    router = BusSettings("router", f"{scheme}/{host}:{port}", args.namespace, credentials, grants)
     own = f"{scheme}/{_LOOPBACK.get(host, host)}:{port}"
     presence = BusSettings("client", own, args.namespace, credentials)
     with open_session(router):
@@ -64,6 +71,20 @@ def run(args: argparse.Namespace) -> None:
             stop=stop,
             metrics=metrics_settings(args),
         )
+
+
+def load_grants(folder: Path) -> tuple[Grant, ...]:
+    """Who has rights in some cells only; the log says so.
+
+    Raises:
+        BadGrants: The file cannot be used.
+    """
+    grants = read_grants(folder).grants
+    for grant in grants:
+        revoked = None if grant.revoked is None else grant.revoked.isoformat()
+        extra = {"role": grant.role, "cells": list(grant.cells), "revoked": revoked}
+        log.info("rights", extra={"certificate": grant.name, **extra})
+    return grants
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import json
-import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 import zenoh
 
 from common import messages as m
-from common.bus import Bus, BusSettings, Credentials, Handed, Inbox, Received, open_session
+from common.bus import BusSettings, Credentials, open_session
 from common.errors import RouterRefused, RouterUnreachable
 from common.messages import NodeUp
-from common.topics import TOPICS
 from tests.certificates import EXPIRED, FOREIGN, STRANGER, make_certificates, unchecked
+from tests.secure_bus import Deployment, Heard, free_port, say, wait_until
 
 HEADER = m.Header(cell="c", epoch=1, step=1)
 COMMAND = m.RobotCommand.model_construct(header=HEADER, positions=[0.5])
@@ -26,63 +24,6 @@ ACTION = m.PolicyAction.model_construct(header=HEADER)
 STATE = m.RobotState(header=HEADER, positions=[0.0], velocities=[0.0])
 FRAME = m.StereoFrame.model_construct(header=HEADER)
 TRUTH = m.GroundTruth.model_construct(header=HEADER)
-WAIT_S = 10.0
-
-
-def free_port(host: str = "127.0.0.1") -> int:
-    with socket.create_server((host, 0)) as probe:
-        return probe.getsockname()[1]
-
-
-def wait_until(condition: Callable[[], bool], *, again: Callable[[], None] = lambda: None) -> None:
-    """Wait; `again` says once more what nobody may have subscribed to in time."""
-    deadline_s = time.monotonic() + WAIT_S
-    while not condition():
-        assert time.monotonic() < deadline_s, "waited in vain"
-        again()
-        time.sleep(0.05)
-
-
-class Heard(Inbox):
-    """Everything that one session was told, never emptied."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.keys: list[str] = []
-        self.events: list[object] = []
-
-    def put(self, item: Received | Handed) -> None:
-        self.keys.append(item.key)
-
-    def put_event(self, event: object) -> None:
-        self.events.append(event)
-
-
-@dataclass
-class Deployment:
-    """A router with access control, and whoever joins it."""
-
-    certs: Path
-    stack: ExitStack
-    port: int = field(default_factory=free_port)
-    namespace: str = "lab"
-
-    def settings(self, who: str, *, profile="client", namespace: str | None = None) -> BusSettings:
-        return BusSettings(
-            profile,
-            f"tls/127.0.0.1:{self.port}",
-            namespace or self.namespace,
-            unchecked(self.certs / who),
-        )
-
-    def join(self, who: str, *, namespace: str | None = None) -> tuple[Bus, Heard]:
-        """A session of a role that asks for everything on every cell."""
-        session = open_session(self.settings(who, namespace=namespace), wait_s=WAIT_S)
-        bus = self.stack.enter_context(Bus(self.stack.enter_context(session)))
-        heard = Heard()
-        for topic in TOPICS:
-            bus.subscribe(topic, heard)
-        return bus, heard
 
 
 @pytest.fixture(scope="module")
@@ -94,13 +35,8 @@ def certs(tmp_path_factory) -> Path:
 def deployment(certs) -> Iterator[Deployment]:
     with ExitStack() as stack:
         deployment = Deployment(certs, stack)
-        stack.enter_context(open_session(deployment.settings("router", profile="router")))
+        deployment.open_router()
         yield deployment
-
-
-def say(bus: Bus, *messages: m.Message, owner: str = "c") -> None:
-    for message in messages:
-        bus.publish(message, owner=owner, mode="lockstep")
 
 
 def test_a_policy_may_act_and_may_not_command(deployment):

@@ -183,6 +183,54 @@ def test_noise_on_a_topic_is_rejected_and_work_goes_on(raw):
     assert host.metrics().rejected == 1
 
 
+def test_what_speaks_of_another_cell_or_node_is_rejected(raw, caplog):
+    """Who may write on the key of one cell must not reach another one through it."""
+    session, host, echo, _ = raw
+    send(session, configure(1))
+    host.spin()
+    elsewhere = m.Header(cell="sim-1", epoch=1)
+    with caplog.at_level(logging.WARNING):
+        for message in (
+            configure(2).model_copy(update={"header": m.Header(cell="sim-1", epoch=2)}),
+            state(1).model_copy(update={"header": elsewhere}),
+        ):
+            send(session, message)
+            host.spin()
+    assert states(echo) == []
+    assert len([x for x in echo.seen if isinstance(x, m.EpisodeConfigure)]) == 1
+    assert host.metrics().rejected == 2
+    assert {record.code for record in caplog.records} == {"E-FOREIGN"}
+    send(session, state(1))
+    host.spin()
+    assert len(states(echo)) == 1
+
+
+def test_a_node_is_described_by_itself_only(bus):
+    class Board(Echo):
+        inputs = (m.NodeMetrics, m.PolicyLoaded)
+
+    board = Board()
+    host = Host(board, bus, node="retarget-0")
+    host.start()
+    beat = host.metrics()
+    loaded = m.PolicyLoaded(header=m.Header(), request="r", node="policy-2", policy="p")
+    for owner in ("policy-1", "policy-2", "retarget-0"):
+        for message in (beat, loaded):
+            bus.publish(message, owner=owner, mode="lockstep")
+            host.spin()
+    heard = [x for x in board.seen if isinstance(x, m.NodeMetrics | m.PolicyLoaded)]
+    assert heard == [loaded, beat]
+    assert host.metrics().rejected == 4
+
+
+def test_a_node_says_in_which_cells_it_has_rights(bus):
+    everywhere, limited = (
+        Host(Echo(), bus, node="echo", cells=cells) for cells in (("*",), ("sim-0", "b-*"))
+    )
+    assert everywhere.describe().offers == {"robots": ["echo"]}
+    assert limited.describe().offers == {"robots": ["echo"], "only_cells": ["sim-0", "b-*"]}
+
+
 def test_missing_sequence_numbers_are_counted(raw):
     session, host, _, _ = raw
     send(session, configure(1))

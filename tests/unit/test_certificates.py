@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import stat
 import subprocess
@@ -140,3 +141,76 @@ def test_the_command_line_says_what_goes_where(tmp_path, capsys):
         *(role.name for role in ROLES),
         "gpu-2",
     }
+
+
+def test_rights_in_some_cells_are_given_listed_and_revoked(folder, capsys):
+    out = f"--out={folder}"
+    add = ["certs", "add", "policy", "--name=policy-gpu1", "--cell=sim-lab1", "--cell=sim-b*"]
+    assert cli.run([*add, out]) == 0
+    told = capsys.readouterr().out
+    assert f"{folder / 'policy-gpu1'} " in told
+    assert f"the router reads {folder / 'router' / 'grants.json'} when it starts" in told
+    assert {path.name for path in (folder / "policy-gpu1").iterdir()} == FILES | {"grant.json"}
+    subject = certificate(folder, "policy-gpu1").subject
+    names = subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    assert [each.value for each in names] == ["policy-gpu1"]
+    assert listed(out, capsys)["policy-gpu1"] == ("policy", ["sim-lab1", "sim-b*"], False)
+    assert cli.run(["certs", "revoke", "policy-gpu1", out]) == 0
+    assert "start it again" in capsys.readouterr().out
+    shutil.rmtree(folder / "policy-gpu1")
+    rows = listed(out, capsys)
+    assert rows.pop("policy-gpu1") == ("policy", ["sim-lab1", "sim-b*"], True)
+    assert rows == {role.name: (role.name, ["*"], False) for role in ROLES}
+    assert cli.run(["certs", "list", out]) == 0
+    (row,) = (row for row in capsys.readouterr().out.splitlines() if "gpu1" in row)
+    assert row.split()[:5] == ["policy-gpu1", "policy", "sim-lab1", "sim-b*", "?"]
+    assert cli.run([*add, out]) == 2
+    assert "never had" in capsys.readouterr().err
+
+
+def listed(out, capsys):
+    capsys.readouterr()
+    assert cli.run(["certs", "list", "--json", out]) == 0
+    rows = json.loads(capsys.readouterr().out)["certificates"]
+    return {row["name"]: (row["role"], row["cells"], row["revoked"] is not None) for row in rows}
+
+
+def test_a_role_cannot_be_revoked_singly(folder, capsys):
+    assert cli.run(["certs", "add", "policy", "--name=gpu-2", f"--out={folder}"]) == 0
+    for name in ("policy", "gpu-2"):
+        assert cli.run(["certs", "revoke", name, f"--out={folder}"]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(f"E-NOT-REVOCABLE  the certificate {name} ")
+        assert "legato certs create" in error
+    assert cli.run(["certs", "revoke", "gpu-3", f"--out={folder}"]) == 2
+    assert "E-UNKNOWN-NAME" in capsys.readouterr().err
+    assert not (folder / "router" / "grants.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "problem"),
+    [
+        (("policy", "--cell=a"), "--name is None"),
+        (("policy", "--cell=a", "--name=sim"), "--name is 'sim'"),
+        (("policy", "--cell=a", "--name=a/b"), "--name is 'a/b'"),
+        (("policy", "--cell=a*b", "--name=p"), "--cell is 'a*b'"),
+        (("policy", "--cell=a", "--name=p", "--host=h"), "only routers"),
+        (
+            ("control", "--cell=a", "--name=p"),
+            "only sim, retarget, gripper, policy, expert, viewer",
+        ),
+        (("router", "--cell=a", "--name=p"), "only sim, retarget, gripper, policy, expert, viewer"),
+    ],
+)
+def test_rights_in_some_cells_that_cannot_be_meant(folder, capsys, wrong, problem):
+    assert cli.run(["certs", "add", *wrong, f"--out={folder}"]) == 2
+    assert problem in capsys.readouterr().err
+    assert not (folder / "router" / "grants.json").exists()
+
+
+def test_a_list_needs_an_authority_and_good_certificates(folder, tmp_path, capsys):
+    assert cli.run(["certs", "list", f"--out={tmp_path / 'none'}"]) == 2
+    assert "legato certs create" in capsys.readouterr().err
+    (folder / "sim" / "cert.pem").write_text("nothing")
+    assert cli.run(["certs", "list", f"--out={folder}"]) == 2
+    assert "E-CERTIFICATE" in capsys.readouterr().err

@@ -9,7 +9,8 @@ import pytest
 from cryptography.hazmat.primitives import serialization
 
 from common.bus import BusSettings, Credentials
-from common.errors import BadCertificate, InvalidValue
+from common.bus.grants import Grant, now
+from common.errors import BadCertificate, BadGrants, InvalidValue
 from tests.certificates import EXPIRED, FOREIGN, make_certificates, unchecked
 
 
@@ -27,6 +28,16 @@ def sim(certs, tmp_path):
 @pytest.mark.parametrize("role", ["router", "sim", "viewer"])
 def test_what_legato_makes_is_good(certs, role):
     assert Credentials.from_folder(certs / role).certificate == certs / role / "cert.pem"
+
+
+def test_it_says_in_which_cells_it_has_rights(sim):
+    assert Credentials.from_folder(sim).cells == ("*",)
+    grant = Grant(name="sim-a", role="sim", cells=("a", "b*"), created=now())
+    (sim / "grant.json").write_text(grant.model_dump_json())
+    assert Credentials.from_folder(sim).cells == ("a", "b*")
+    (sim / "grant.json").write_text("{}")
+    with pytest.raises(BadGrants, match=r"grant\.json"):
+        Credentials.from_folder(sim)
 
 
 @pytest.mark.parametrize("name", ["ca.pem", "cert.pem", "key.pem"])

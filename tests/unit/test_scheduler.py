@@ -192,6 +192,30 @@ def test_least_loaded_policy_is_chosen(monkeypatch):
     assert {c.nodes["policy"] for c in configures} == {"policy", "policy-b"}
 
 
+def test_a_policy_is_given_only_cells_in_which_it_has_rights(monkeypatch):
+    monkeypatch.setitem(OFFERS, "policy", {"policies": ["expert"], "only_cells": ["sim-0"]})
+    monkeypatch.setitem(OFFERS, "policy-b", {"policies": ["expert"], "only_cells": ["sim-1*"]})
+    bench = Bench(cells=3)
+    bench.up("policy", "policy-b")
+    out = bench.submit(trials=4)
+    configures = only(EpisodeConfigure, out)
+    assert [(c.header.cell, c.nodes["policy"]) for c in configures] == [
+        ("sim-0", "policy"),
+        ("sim-1", "policy-b"),
+    ]
+    assert one(EpisodeConfigure, bench.run(configures[1])).header.cell == "sim-1"
+
+
+def test_trials_for_which_no_cell_is_right_say_so_and_end(monkeypatch):
+    monkeypatch.setitem(OFFERS, "policy", {"policies": ["expert"], "only_cells": ["sim-7"]})
+    bench = Bench(cells=2, rejoin_s=10.0)
+    assert only(EpisodeConfigure, bench.submit()) == []
+    bench.tick()
+    wanted = "a cell in which retarget for panda, gripper, policy for expert have rights"
+    assert bench.log[-1].names == (wanted,)
+    assert one(TrialEnded, bench.tick(10.0)).reason == f"node_missing: {wanted} missing for 10 s"
+
+
 def test_lost_node_is_named_and_trial_retried_once():
     bench = Bench()
     configure = one(EpisodeConfigure, bench.submit())
