@@ -35,6 +35,10 @@ COPY . .
 RUN /tools/run-pip install --quiet --no-deps --no-build-isolation --target /code . && \
     rm -r /code/bin
 
+# The policies that come with LEGATO are for those who serve them.
+FROM code AS code-without-policies
+RUN rm -r /code/policies
+
 # What every service needs, one layer for all images. No pip and no compiler gets into them.
 FROM ${BASE} AS core
 ENV PATH=/venv/bin:$PATH \
@@ -52,13 +56,13 @@ HEALTHCHECK --interval=3s --timeout=3s --start-period=90s --retries=3 \
     CMD ["python", "-m", "common.health"]
 
 FROM core AS router
-COPY --from=code /code /code
+COPY --from=code-without-policies /code /code
 USER 10001:10001
 EXPOSE 7447
 ENTRYPOINT ["python", "-m", "services.router", "--listen=0.0.0.0:7447"]
 
 FROM core AS gripper
-COPY --from=code /code /code
+COPY --from=code-without-policies /code /code
 USER 10001:10001
 ENTRYPOINT ["python", "-m", "services.gripper"]
 
@@ -67,7 +71,7 @@ RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
     --mount=type=secret,id=pipconf,target=/run/pip.conf \
     --mount=type=cache,target=/root/.cache/pip \
     /tools/install-locked sim
-COPY --from=code /code /code
+COPY --from=code-without-policies /code /code
 # The camera's kernels are compiled here, for any processor: code for the one that builds would be
 # compiled again, for most of a minute, on every other. Numba reads its cache only where it can also
 # write, so a start copies half a megabyte to /tmp.
@@ -86,7 +90,7 @@ RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
     --mount=type=cache,target=/root/.cache/pip \
     /tools/install-locked retarget && \
     rm -r /venv/lib/python3*/site-packages/cmeel.prefix/include
-COPY --from=code /code /code
+COPY --from=code-without-policies /code /code
 USER 10001:10001
 ENTRYPOINT ["python", "-m", "services.retarget"]
 
@@ -136,7 +140,7 @@ RUN --mount=type=bind,from=tools,source=/tools,target=/tools \
     --mount=type=cache,target=/root/.cache/pip \
     /tools/install-locked control && \
     install -d -o 10001 -g 10001 /data
-COPY --from=code /code /code
+COPY --from=code-without-policies /code /code
 USER 10001:10001
 EXPOSE 8000
 ENTRYPOINT ["python", "-m", "services.control", "--host=0.0.0.0", "--data=/data"]
