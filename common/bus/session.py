@@ -7,6 +7,7 @@ links: no port, no discovery, delivery on the publisher's thread).
 from __future__ import annotations
 
 import json
+import os
 import re
 import threading
 import time
@@ -64,6 +65,20 @@ class BusSettings:
     def lease_s(self) -> float:
         """How long a silent link is believed to be alive [s]; longer between hosts."""
         return 1.0 if self.credentials is None else 2.0
+
+
+def use_few_threads() -> None:
+    """Let Zenoh do what it does in this process on two threads: sending, and everything else.
+
+    More threads that wake each other cost up to a quarter of a round trip. Sending keeps its own:
+    signs of life go out also while a callback waits for Python. Whoever has set `ZENOH_RUNTIME`
+    keeps that. To be called before the first session of the process: Zenoh reads it once.
+
+    Source: zenoh-runtime 1.10, ZRuntime.
+    """
+    os.environ.setdefault(
+        "ZENOH_RUNTIME", "(rx: (worker_threads: 1), app: (handover: rx), net: (handover: rx))"
+    )
 
 
 def _config(settings: BusSettings) -> zenoh.Config:
