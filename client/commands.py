@@ -138,6 +138,8 @@ class Up(Command):
     """TCP port of the router's metrics for Prometheus; the other processes take the next ones."""
     foreground: bool = False
     """Stay attached and stop everything on Ctrl-C."""
+    compose: bool = False
+    """In containers: `docker compose up --wait` on the compose.yaml of the current folder."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,6 +148,8 @@ class Down(Command):
 
     data: Path = Path("runs")
     """Folder that was given to `legato up`."""
+    compose: bool = False
+    """Containers: `docker compose down`; results stay in their volume."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,8 +1,8 @@
 """The one tree of errors.
 
 LegatoError
-├─ ConfigError      UnknownName, InvalidValue, BadCertificate, MissingExtra, UntrainedTask,
-│                   BadKeyFile, BadGrants, NotRevocable, Exposed
+├─ ConfigError      UnknownName, InvalidValue, BadCertificate, MissingExtra, MissingProgram,
+│                   UntrainedTask, BadKeyFile, BadGrants, NotRevocable, Exposed
 ├─ AccessError      KeyRefused, RoleTooLow, ForeignPage, TooManyCalls
 ├─ ContractError    SchemaMismatch, MalformedMessage, ForeignMessage, WrongShape
 ├─ ModelError       BadRobotFile, ModelMismatch, BadCalibration, FootholdOutOfReach,
@@ -111,6 +111,20 @@ class MissingExtra(ConfigError):
             f"the package {package} is not installed",
             expected=f"it comes with the extra [{extra}]",
             action=f"run: pip install 'legato[{extra}]'",
+        )
+
+
+class MissingProgram(ConfigError):
+    """A program of the machine that is needed and not there."""
+
+    code = "E-MISSING-PROGRAM"
+
+    def __init__(self, program: str, wanted: str) -> None:
+        self.program = program
+        super().__init__(
+            f"there is no {program} on the PATH",
+            expected=f"expected {wanted}",
+            action=f"install it, or do without what needs {program}",
         )
 
 

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from client.api import LegatoClient
 from client.commands import Down, Status, Up
+from client.containers import compose_down, compose_up
 from client.deployment import Deployment
 from client.interrupts import stop_on_signals
 from client.processes import read_last_line, spawn
@@ -31,6 +32,8 @@ STOP_DEADLINE_S = 15.0
 def up(command: Up) -> int:
     """Start a deployment, detached or in the foreground, and show its services."""
     deployment = _plan(command)
+    if command.compose:
+        return compose_up(command)
     if read_state(deployment.data) is not None:
         raise AlreadyRunning("a deployment", str(deployment.data))
     deployment.check_ports()
@@ -38,7 +41,9 @@ def up(command: Up) -> int:
 
 
 def down(command: Down) -> int:
-    """Stop the deployment of a data folder."""
+    """Stop the deployment of a data folder, or that of Compose."""
+    if command.compose:
+        return compose_down()
     data = command.data.resolve()
     state = read_state(data)
     if state is None:
