@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from common.bus import Bus, BusSettings, open_session, use_few_threads
+from common.bus import Bus, BusSettings, open_session
 from common.bus.access import check_node_name
 from common.bus.grants import check_cell
 from common.errors import AlreadyRunning, RouterUnreachable
@@ -84,11 +84,10 @@ def run_process(
         stop = threading.Event()
         install_stop_signals(stop)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    use_few_threads()
     try:
         with (
             _open_exporter(metrics, reactor, node) as exporter,
-            open_session(settings, stop=stop) as session,
+            open_session(settings, stop=stop, few_threads=True) as session,
             Bus(session) as bus,
         ):
             if unique:

@@ -6,7 +6,7 @@ from common.bus.bus import Bus, Subscription
 from common.bus.codec import decode, encode
 from common.bus.inbox import Handed, Inbox, Received
 from common.bus.local import LocalBus
-from common.bus.session import BusSettings, open_session, use_few_threads
+from common.bus.session import BusSettings, open_session
 from common.bus.tls import Credentials
 
 __all__ = [
@@ -21,5 +21,4 @@ __all__ = [
     "decode",
     "encode",
     "open_session",
-    "use_few_threads",
 ]

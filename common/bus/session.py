@@ -29,6 +29,9 @@ _ATTEMPT_S = 1.0
 _ENCRYPTED = re.compile(r"tls/.+:\d+")
 CLOSE_S = 2.0
 """Longer than the lease of 1 s, after which a link that stalls is gone anyway."""
+_THREADS = "ZENOH_RUNTIME"
+_FEW_THREADS = "(rx: (worker_threads: 1), app: (handover: rx), net: (handover: rx))"
+"""Source: zenoh-runtime 1.10, ZRuntime."""
 
 
 @dataclass(frozen=True)
@@ -65,20 +68,6 @@ class BusSettings:
     def lease_s(self) -> float:
         """How long a silent link is believed to be alive [s]; longer between hosts."""
         return 1.0 if self.credentials is None else 2.0
-
-
-def use_few_threads() -> None:
-    """Let Zenoh do what it does in this process on two threads: sending, and everything else.
-
-    More threads that wake each other cost up to a quarter of a round trip. Sending keeps its own:
-    signs of life go out also while a callback waits for Python. Whoever has set `ZENOH_RUNTIME`
-    keeps that. To be called before the first session of the process: Zenoh reads it once.
-
-    Source: zenoh-runtime 1.10, ZRuntime.
-    """
-    os.environ.setdefault(
-        "ZENOH_RUNTIME", "(rx: (worker_threads: 1), app: (handover: rx), net: (handover: rx))"
-    )
 
 
 def _config(settings: BusSettings) -> zenoh.Config:
@@ -138,7 +127,11 @@ def _encryption(own: Credentials) -> dict[str, object]:
 
 @contextmanager
 def open_session(
-    settings: BusSettings, *, stop: threading.Event | None = None, wait_s: float = 30.0
+    settings: BusSettings,
+    *,
+    stop: threading.Event | None = None,
+    wait_s: float = 30.0,
+    few_threads: bool = False,
 ) -> Generator[zenoh.Session]:
     """Open a session and close it in every case (an unclosed one can hang at exit).
 
@@ -149,17 +142,36 @@ def open_session(
         settings: Profile, endpoint and namespace.
         stop: Give up quietly waiting once this is set.
         wait_s: How long a client waits for the router [s].
+        few_threads: Let Zenoh do what it does in this process on two threads, sending and
+            everything else. More threads that wake each other cost up to a quarter of a round trip;
+            sending keeps its own, so that signs of life go out also while a callback waits for
+            Python. Zenoh reads this once, with the first session; whoever has set `ZENOH_RUNTIME`
+            keeps that.
 
     Raises:
         RouterUnreachable: No router within `wait_s`, or `stop` was set meanwhile.
         RouterRefused: The same for an encrypted endpoint, with what was found there.
         PortInUse: The router's port is taken.
     """
-    session = _open(settings, stop, wait_s)
+    with _zenoh_threads(few=few_threads):
+        session = _open(settings, stop, wait_s)
     try:
         yield session
     finally:
         _close(session)
+
+
+@contextmanager
+def _zenoh_threads(*, few: bool) -> Generator[None]:
+    """Ask for few threads, without a trace: a child process may be a router, which needs all."""
+    if not few or _THREADS in os.environ:
+        yield
+        return
+    os.environ[_THREADS] = _FEW_THREADS
+    try:
+        yield
+    finally:
+        del os.environ[_THREADS]
 
 
 def _close(session: zenoh.Session) -> None:
