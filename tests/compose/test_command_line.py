@@ -25,10 +25,9 @@ def test_the_command_line_starts_and_stops_the_containers():
         started = legato(project, "up", "--compose", *options)
         assert started.returncode == 0, started.stderr
         with LegatoClient(f"http://127.0.0.1:{rest_port}", timeout_s=30.0) as client:
-            kinds = [node.kind for node in client.services() if node.alive]
-            robots = {
-                robot for node in client.services() for robot in node.offers.get("robots", [])
-            }
+            nodes = [node for node in client.services() if node.alive]
+        kinds = [node.kind for node in nodes]
+        robots = {each for n in nodes if n.kind == "retarget" for each in n.offers["robots"]}
         assert kinds.count("sim") == 2
         assert robots == {"abstract", "panda", "spot"}
         stopped = legato(project, "down", "--compose")
