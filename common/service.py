@@ -40,6 +40,8 @@ log = logging.getLogger(__name__)
 
 SWITCH_INTERVAL_S = 2e-4
 """Python's default of 5 ms lets a busy thread delay Zenoh's receive thread by as much."""
+END_S = 20.0
+"""More than closing takes on a busy machine; a supervisor or an engine waits less."""
 
 
 def run_process(
@@ -134,16 +136,23 @@ def _loop(host: Host, bus: Bus, stop: threading.Event, parent_pid: int | None) -
             return
 
 
-def install_stop_signals(stop: threading.Event) -> None:
+def install_stop_signals(stop: threading.Event, *, end_s: float = END_S) -> None:
     """Let SIGTERM and SIGINT set an event; the loop then ends and closes its session.
 
     SIGUSR1 writes the stack of every thread to standard error, also while the process hangs in
-    native code.
+    native code. A process that is still there `end_s` after it was told to stop does the same and
+    ends with exit code 1.
+
+    Args:
+        stop: Is set.
+        end_s: How long closing may take [s].
     """
     faulthandler.register(signal.SIGUSR1)
 
     def set_stop(number: int, frame: FrameType | None) -> None:
         stop.set()
+        # Needs no Python, which a thread that hangs may hold.
+        faulthandler.dump_traceback_later(end_s, exit=True)
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, set_stop)

@@ -34,7 +34,7 @@ class Worker:
         self,
         number: int,
         order: WorkerOrder,
-        reports: queue.SimpleQueue[tuple[int, TrialReport | None]],
+        reports: queue.Queue[tuple[int, TrialReport | None]],
     ) -> None:
         self.number = number
         self.trial: int | None = None
@@ -87,7 +87,7 @@ class Worker:
         reason = f"killed by {signal.Signals(-code).name}" if code < 0 else said
         return WorkerDied(self.number, self.trial, self._fault or reason)
 
-    def _read(self, reports: queue.SimpleQueue[tuple[int, TrialReport | None]]) -> None:
+    def _read(self, reports: queue.Queue[tuple[int, TrialReport | None]]) -> None:
         for line in _pipe(self._process.stdout):
             try:
                 report = TrialReport.model_validate_json(line)
@@ -108,7 +108,8 @@ class WorkerPool:
     """
 
     def __init__(self, order: WorkerOrder, *, count: int) -> None:
-        self._reports: queue.SimpleQueue[tuple[int, TrialReport | None]] = queue.SimpleQueue()
+        # Read by the thread that hears signals: for a SimpleQueue see `Inbox`.
+        self._reports: queue.Queue[tuple[int, TrialReport | None]] = queue.Queue()
         self.workers: list[Worker] = []
         for number in range(count):
             self.workers.append(Worker(number, order, self._reports))

@@ -6,7 +6,6 @@ topics of the session. So a callback only stores bytes here; decoding happens on
 
 from __future__ import annotations
 
-import queue
 import threading
 from collections import defaultdict, deque
 from typing import Any, NamedTuple
@@ -51,7 +50,10 @@ class Inbox:
         self._slots: dict[str, dict[str, deque[Received | Handed]]] = {}
         self._events: list[Any] = []
         self._signalled = False
-        self._wake: queue.SimpleQueue[None] = queue.SimpleQueue()
+        # Open while something waits. Not a SimpleQueue: CPython 3.11's waits for ever when a signal
+        # handler outlasts its timeout, and SIGTERM is such a signal.
+        self._wake = threading.Lock()
+        self._wake.acquire()
 
     @property
     def superseded(self) -> int:
@@ -98,12 +100,11 @@ class Inbox:
 
     def wait(self, timeout_s: float) -> bool:
         """Sleep until something waits or the time is over; tell whether something waits."""
-        try:
-            self._wake.get(timeout=timeout_s)
-        except queue.Empty:
+        # A negative timeout would be none at all.
+        if not self._wake.acquire(timeout=max(0.0, timeout_s)):
             return False
-        # `drain` expects the token of a signal; give it back to the one reader.
-        self._wake.put(None)
+        # It stays open until `drain`, by the same one reader.
+        self._wake.release()
         return True
 
     def drain(self) -> tuple[list[Any], list[Received | Handed]]:
@@ -112,7 +113,7 @@ class Inbox:
             if not self._signalled:
                 return [], []
             self._signalled = False
-            self._wake.get()
+            self._wake.acquire()
             events, self._events = self._events, []
             received: list[Received | Handed] = []
             for by_key in self._slots.values():
@@ -125,4 +126,4 @@ class Inbox:
     def _signal(self) -> None:
         if not self._signalled:
             self._signalled = True
-            self._wake.put(None)
+            self._wake.release()

@@ -38,13 +38,13 @@ class LoadWaiters:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._answers: dict[str, queue.SimpleQueue[PolicyLoadEnded]] = {}
+        self._answers: dict[str, queue.Queue[PolicyLoadEnded]] = {}
 
     def open(self, policy: str, folder: str, nodes: Sequence[str]) -> list[LoadPolicy]:
         """One order per node; each is to be waited for."""
         orders = [LoadPolicy(f"l-{secrets.token_hex(8)}", node, policy, folder) for node in nodes]
         with self._lock:
-            self._answers.update({order.request: queue.SimpleQueue() for order in orders})
+            self._answers.update({order.request: queue.Queue() for order in orders})
         return orders
 
     def put(self, ended: PolicyLoadEnded) -> None:

@@ -1,9 +1,11 @@
-"""SIGUSR1 asks a process where it is, and the process goes on."""
+"""Processes say where they are: when they are asked, and when they do not come to their end."""
 
 from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -33,6 +35,28 @@ def test_a_process_writes_its_stacks_and_goes_on(tmp_path: Path):
     lines = path.read_text().splitlines()
     # It stopped in good order.
     assert any('"stopping"' in line for line in lines)
+
+
+HANGING = """
+import ctypes, os, signal, threading
+from common.service import install_stop_signals
+
+stop = threading.Event()
+install_stop_signals(stop, end_s=0.5)
+os.kill(os.getpid(), signal.SIGTERM)
+assert stop.is_set()
+# Holds Python while it sleeps: no other thread of Python can do anything.
+ctypes.PyDLL(None).sleep(600)
+"""
+
+
+def test_a_process_that_hangs_when_told_to_stop_says_where_and_ends():
+    hanging = subprocess.run(
+        [sys.executable, "-c", HANGING], capture_output=True, text=True, timeout=WAIT_S
+    )
+    assert hanging.returncode == 1, hanging.stderr
+    assert "Timeout" in hanging.stderr
+    assert '"<string>", line 10 in <module>' in hanging.stderr
 
 
 def wait_for_text(path: Path, text: str) -> None:

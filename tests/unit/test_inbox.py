@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import signal
 import threading
+import time
 
 from common.bus.inbox import Inbox, Received
 from common.messages import PolicyAction, RobotState
@@ -111,3 +113,24 @@ def test_nothing_is_lost_between_many_writers_and_one_reader():
     done.set()
     reader.join()
     assert len(seen) == len(set(seen)) == per_thread * threads
+
+
+def test_a_wait_ends_also_when_a_signal_handler_outlasts_it():
+    inbox = make_inbox()
+    ended = threading.Event()
+
+    def rescue() -> None:
+        if not ended.wait(10.0):
+            inbox.put_event("rescue")
+
+    rescuer = threading.Thread(target=rescue)
+    before = signal.signal(signal.SIGALRM, lambda *_: time.sleep(0.2))
+    rescuer.start()
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.02)
+        woken = inbox.wait(0.1)
+    finally:
+        ended.set()
+        signal.signal(signal.SIGALRM, before)
+        rescuer.join()
+    assert not woken
