@@ -35,7 +35,8 @@ ASKED = {WEBSOCKET: 1.3, GRPC: 0.2}
 """Largest share of their median that ours is to take."""
 RULES = """\
 observation  two images of 128 x 128 bytes, a step and a time; ours has its whole header, too
-answer       one step of 7 numbers; no network, no inference
+answer       steps of 7 numbers; no network, no inference. 16 steps: both of the others answer with
+             a chunk. One step: what this project's own policies answer
 measured     from the objects in the client to the objects in the client: encode, send, decode,
              validate where it is validated (ours: both ways), and back; 127.0.0.1
 LEGATO       the real policy service, runner, bus, codec and messages; three processes: the router
@@ -98,6 +99,7 @@ def main() -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--rounds", type=int, default=10)
+    parser.add_argument("--steps", type=int, action="append", help="of an answer (16 and 1)")
     parser.add_argument("--count", type=int, default=300, help="back to back, per round")
     parser.add_argument("--paced", type=int, default=20, help="at 10 Hz, per round")
     args = parser.parse_args()
@@ -107,18 +109,25 @@ def main() -> int:
     print(f"the others: {', '.join(REQUIREMENTS.read_text().split('# Asked')[0].split()[-7:])}")
     print(f"\n{RULES}")
     print(f"{args.rounds} rounds; in brackets the least and the largest median or ratio of a round")
+    for steps in args.steps or (16, 1):
+        measure(python, steps=steps, rounds=args.rounds, count=args.count, paced=args.paced)
+    return 0
+
+
+def measure(python: Path, *, steps: int, rounds: int, count: int, paced: int) -> None:
+    """Print the tables of one length of answers."""
     with ExitStack() as stack:
         clients = {
             contestant.name: stack.enter_context(started(contestant))
-            for contestant in make_contestants(python)
+            for contestant in make_contestants(python, steps=steps)
         }
         for client in clients.values():
-            client.measure(count=args.count, period_s=0.0)
-        measured = run_rounds(clients, rounds=args.rounds, count=args.count, period_s=0.0)
-        print_table(f"back to back, {args.count} per round", measured)
-        measured = run_rounds(clients, rounds=args.rounds, count=args.paced, period_s=PERIOD_S)
-        print_table(f"at 10 Hz, {args.paced} per round", measured)
-    return 0
+            client.measure(count=count, period_s=0.0)
+        answers = f"answers of {steps} step{'s' if steps > 1 else ''}"
+        measured = run_rounds(clients, rounds=rounds, count=count, period_s=0.0)
+        print_table(f"{answers}, back to back, {count} per round", measured)
+        measured = run_rounds(clients, rounds=rounds, count=paced, period_s=PERIOD_S)
+        print_table(f"{answers}, at 10 Hz, {paced} per round", measured)
 
 
 if __name__ == "__main__":

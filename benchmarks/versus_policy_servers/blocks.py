@@ -5,6 +5,7 @@ Imports nothing but the standard library: it runs in both environments.
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 import time
@@ -14,6 +15,12 @@ IMAGE_PX = 128 * 128
 """Bytes of one grayscale image."""
 ACTION_NUMBERS = 7
 """Translation, rotation vector and grasp."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What every process is told besides its role."""
+    parser.add_argument("port", type=int)
+    parser.add_argument("steps", type=int, help="of one answer")
 
 
 def read_orders() -> Iterator[tuple[int, float]]:

@@ -66,12 +66,14 @@ class Client:
         return [1e-3 * ns for ns in read_answer(self._process, self._name)]
 
 
-def make_contestants(python: Path) -> list[Contestant]:
+def make_contestants(python: Path, *, steps: int) -> list[Contestant]:
     """All of them, each with ports of its own.
 
     Args:
         python: Of the environment of those that are not ours.
+        steps: Of one answer.
     """
+    length = str(steps)
     router, websocket, grpc, grpc_after = find_free_ports(4)
     own = (sys.executable, "-m")
     other = (str(python), "-m")
@@ -82,20 +84,24 @@ def make_contestants(python: Path) -> list[Contestant]:
     return [
         Contestant(
             LEGATO,
-            [routing, (*legato, "serve", str(router))],
-            (*legato, "ask", str(router)),
+            [routing, (*legato, "serve", str(router), length)],
+            (*legato, "ask", str(router), length),
             servers_tell=False,
         ),
         Contestant(
             WEBSOCKET,
-            [(*by_websocket, "serve", str(websocket))],
-            (*by_websocket, "ask", str(websocket)),
+            [(*by_websocket, "serve", str(websocket), length)],
+            (*by_websocket, "ask", str(websocket), length),
         ),
-        Contestant(GRPC, [(*by_grpc, "serve", str(grpc))], (*by_grpc, "thread", str(grpc))),
+        Contestant(
+            GRPC,
+            [(*by_grpc, "serve", str(grpc), length)],
+            (*by_grpc, "thread", str(grpc), length),
+        ),
         Contestant(
             GRPC_AFTER,
-            [(*by_grpc, "serve", str(grpc_after))],
-            (*by_grpc, "after", str(grpc_after)),
+            [(*by_grpc, "serve", str(grpc_after), length)],
+            (*by_grpc, "after", str(grpc_after), length),
         ),
     ]
 

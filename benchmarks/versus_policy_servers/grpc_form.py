@@ -29,6 +29,7 @@ import torch
 from benchmarks.versus_policy_servers.blocks import (
     ACTION_NUMBERS,
     IMAGE_PX,
+    add_arguments,
     answer_orders,
     tell,
 )
@@ -72,9 +73,14 @@ def split(data: bytes) -> Iterator[Any]:
 
 
 class Policy(services.PolicyServicer):
-    """The server; a policy without a network."""
+    """The server; a policy without a network.
 
-    def __init__(self) -> None:
+    Args:
+        steps: Of an answer.
+    """
+
+    def __init__(self, *, steps: int) -> None:
+        self._steps = steps
         self._waiting: queue.Queue[TimedObservation] = queue.Queue(maxsize=1)
 
     def SendObservations(self, request_iterator: Iterator[Any], context: Any) -> Any:
@@ -92,7 +98,7 @@ class Policy(services.PolicyServicer):
             seen = self._waiting.get(timeout=WAIT_S)
         except queue.Empty:
             return messages.Actions()
-        chunk = torch.full((1, ACTION_NUMBERS), 1e-3)
+        chunk = torch.full((self._steps, ACTION_NUMBERS), 1e-3)
         actions = [
             TimedAction(seen.timestamp_s, seen.timestep + number, action)
             for number, action in enumerate(chunk)
@@ -100,10 +106,10 @@ class Policy(services.PolicyServicer):
         return messages.Actions(data=pickle.dumps(actions))
 
 
-def serve(port: int) -> None:
+def serve(port: int, *, steps: int) -> None:
     """Serve until killed."""
     server = grpc.server(futures.ThreadPoolExecutor(max_workers=4), options=OPTIONS)
-    services.add_PolicyServicer_to_server(Policy(), server)
+    services.add_PolicyServicer_to_server(Policy(steps=steps), server)
     server.add_insecure_port(f"127.0.0.1:{port}")
     server.start()
     tell("ready")
@@ -116,9 +122,11 @@ class Asker:
     Args:
         stub: Of the server.
         in_thread: Whether a thread of its own asks for actions.
+        steps: Of an answer.
     """
 
-    def __init__(self, stub: Any, *, in_thread: bool) -> None:
+    def __init__(self, stub: Any, *, in_thread: bool, steps: int) -> None:
+        self._steps = steps
         images = np.random.default_rng(0).integers(0, 256, (2, IMAGE_PX), dtype=np.uint8)
         self._left, self._right = (image.reshape(128, 128) for image in images)
         self._stub = stub
@@ -138,7 +146,9 @@ class Asker:
         if not self._in_thread:
             self._receive()
         arrived_ns, actions = self._arrived.get(timeout=5)
-        if actions[0].timestep != self._step or actions[0].action.shape != (ACTION_NUMBERS,):
+        shapes = {action.action.shape for action in actions}
+        is_whole = len(actions) == self._steps and shapes == {(ACTION_NUMBERS,)}
+        if actions[0].timestep != self._step or not is_whole:
             raise SystemExit(f"wrong answer: {actions}")
         return arrived_ns - began_ns
 
@@ -153,10 +163,11 @@ class Asker:
             self._receive()
 
 
-def ask(port: int, *, in_thread: bool) -> None:
+def ask(port: int, *, in_thread: bool, steps: int) -> None:
     """Be the client until standard input ends."""
     with grpc.insecure_channel(f"127.0.0.1:{port}", options=OPTIONS) as channel:
-        answer_orders(Asker(services.PolicyStub(channel), in_thread=in_thread).round_trip)
+        stub = services.PolicyStub(channel)
+        answer_orders(Asker(stub, in_thread=in_thread, steps=steps).round_trip)
         # The thread is inside gRPC, which does not like to be torn down around it.
         os._exit(0)
 
@@ -165,12 +176,12 @@ def main() -> int:
     """Serve or ask."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("role", choices=("serve", "thread", "after"))
-    parser.add_argument("port", type=int)
+    add_arguments(parser)
     args = parser.parse_args()
     if args.role == "serve":
-        serve(args.port)
+        serve(args.port, steps=args.steps)
     else:
-        ask(args.port, in_thread=args.role == "thread")
+        ask(args.port, in_thread=args.role == "thread", steps=args.steps)
     return 0
 
 

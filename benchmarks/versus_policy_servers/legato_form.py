@@ -9,6 +9,7 @@ goes the same way back.
 from __future__ import annotations
 
 import argparse
+import functools
 import sys
 import threading
 import time
@@ -20,6 +21,7 @@ import numpy as np
 from benchmarks.versus_policy_servers.blocks import (
     ACTION_NUMBERS,
     IMAGE_PX,
+    add_arguments,
     read_orders,
     tell,
 )
@@ -46,19 +48,29 @@ RESEND_NS = 400_000_000
 
 
 class Still:
-    """A policy that looks at nothing and hardly moves."""
+    """A policy that looks at nothing and hardly moves.
+
+    Args:
+        steps: Of an answer.
+    """
 
     needs_truth = False
+
+    def __init__(self, *, steps: int) -> None:
+        self._steps = steps
 
     def reset(self, *, seed: int, task: str) -> None:
         """Forget nothing."""
         del seed, task
 
     def act(self, observation: Observation) -> list[ActionStep]:
-        """One small step."""
+        """Small steps."""
         del observation
         small = [1e-3, 1e-3, 1e-3]
-        return [ActionStep(translation_m=small, rotation_rad=small, grasp=False)]
+        return [
+            ActionStep(translation_m=small, rotation_rad=small, grasp=False)
+            for _ in range(self._steps)
+        ]
 
 
 @dataclass(frozen=True)
@@ -77,13 +89,18 @@ class Measured(LocalMessage):
 
 
 class Asker(Reactor):
-    """Sends frames and waits for their actions, as the owner of a cell."""
+    """Sends frames and waits for their actions, as the owner of a cell.
+
+    Args:
+        steps: Of an answer.
+    """
 
     kind = "sim"
     inputs = (EpisodeReady, PolicyAction)
     watches_nodes = True
 
-    def __init__(self) -> None:
+    def __init__(self, *, steps: int) -> None:
+        self._steps = steps
         images = np.random.default_rng(0).integers(0, 256, (2, IMAGE_PX), dtype=np.uint8)
         self._left, self._right = (image.tobytes() for image in images)
         self._order = Order(0, 0.0)
@@ -162,11 +179,11 @@ class Asker(Reactor):
 
     def _take(self, action: PolicyAction) -> list[AnyMessage]:
         arrived_ns = time.perf_counter_ns()
-        step = action.steps[0]
-        numbers = len(step.translation_m) + len(step.rotation_rad) + 1
+        numbers = {len(step.translation_m) + len(step.rotation_rad) + 1 for step in action.steps}
+        is_whole = len(action.steps) == self._steps and numbers == {ACTION_NUMBERS}
         if action.for_step < self._step or self._asked_ns is None:
             return []  # asked twice, answered twice
-        if action.for_step > self._step or numbers != ACTION_NUMBERS:
+        if action.for_step > self._step or not is_whole:
             raise SystemExit(f"wrong answer: {action}")
         self._times_ns.append(arrived_ns - self._asked_ns)
         self._asked_ns = None
@@ -196,13 +213,15 @@ def main() -> int:
     """Serve or ask."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("role", choices=("serve", "ask"))
-    parser.add_argument("port", type=int, help="of the router")
+    add_arguments(parser)
     args = parser.parse_args()
     settings = BusSettings(endpoint=f"tcp/127.0.0.1:{args.port}", namespace="versus")
     if args.role == "serve":
-        run_process(PolicyReactor(node=SERVER, policies={"still": Still}), settings, node=SERVER)
+        still = functools.partial(Still, steps=args.steps)
+        run_process(PolicyReactor(node=SERVER, policies={"still": still}), settings, node=SERVER)
     else:
-        run_process(Asker(), settings, node=CELL, sink=tell_times, on_host=listen_for_orders)
+        asker = Asker(steps=args.steps)
+        run_process(asker, settings, node=CELL, sink=tell_times, on_host=listen_for_orders)
     return 0
 
 

@@ -24,6 +24,7 @@ import websockets.sync.client
 from benchmarks.versus_policy_servers.blocks import (
     ACTION_NUMBERS,
     IMAGE_PX,
+    add_arguments,
     answer_orders,
     tell,
 )
@@ -54,7 +55,7 @@ make_packer = functools.partial(msgpack.Packer, default=pack_array)
 unpack = functools.partial(msgpack.unpackb, object_hook=unpack_array)
 
 
-async def answer(connection: websockets.asyncio.server.ServerConnection) -> None:
+async def answer(connection: websockets.asyncio.server.ServerConnection, *, steps: int) -> None:
     """Answer every observation of one client."""
     packer = make_packer()
     await connection.send(packer.pack({}))
@@ -62,7 +63,7 @@ async def answer(connection: websockets.asyncio.server.ServerConnection) -> None
         while True:
             observation = unpack(await connection.recv())
             began_s = time.monotonic()
-            action = {"actions": np.full((1, ACTION_NUMBERS), 1e-3)}
+            action = {"actions": np.full((steps, ACTION_NUMBERS), 1e-3)}
             took_ms = 1e3 * (time.monotonic() - began_s)
             await connection.send(
                 packer.pack({**action, "step": observation["step"], "infer_ms": took_ms})
@@ -71,16 +72,16 @@ async def answer(connection: websockets.asyncio.server.ServerConnection) -> None
         return
 
 
-async def serve(port: int) -> None:
+async def serve(port: int, *, steps: int) -> None:
     """Serve until killed."""
     async with websockets.asyncio.server.serve(
-        answer, "127.0.0.1", port, compression=None, max_size=None
+        functools.partial(answer, steps=steps), "127.0.0.1", port, compression=None, max_size=None
     ) as server:
         tell("ready")
         await server.serve_forever()
 
 
-def ask(port: int) -> None:
+def ask(port: int, *, steps: int) -> None:
     """Be the client."""
     images = np.random.default_rng(0).integers(0, 256, (2, IMAGE_PX), dtype=np.uint8)
     left, right = (image.reshape(128, 128) for image in images)
@@ -99,7 +100,7 @@ def ask(port: int) -> None:
             connection.send(packer.pack(observation))
             reply = unpack(connection.recv())
             took_ns = time.perf_counter_ns() - began_ns
-            if reply["step"] != step or reply["actions"].shape != (1, ACTION_NUMBERS):
+            if reply["step"] != step or reply["actions"].shape != (steps, ACTION_NUMBERS):
                 raise SystemExit(f"wrong answer: {reply}")
             return took_ns
 
@@ -110,12 +111,12 @@ def main() -> int:
     """Serve or ask."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("role", choices=("serve", "ask"))
-    parser.add_argument("port", type=int)
+    add_arguments(parser)
     args = parser.parse_args()
     if args.role == "serve":
-        asyncio.run(serve(args.port))
+        asyncio.run(serve(args.port, steps=args.steps))
     else:
-        ask(args.port)
+        ask(args.port, steps=args.steps)
     return 0
 
 

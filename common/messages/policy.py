@@ -1,16 +1,26 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar
 
 from annotated_types import Ge, Len
-from pydantic import BaseModel, model_validator
+from pydantic import AfterValidator, BaseModel
 
 from common.messages.base import MODEL_CONFIG, Message, PoseWire, Reply, Vector3
 
 LARGEST_STEP_M = 1.0
 LARGEST_STEP_RAD = math.pi + 1e-6
 """A rotation vector is no longer, but for rounding."""
+
+
+def _no_longer_than(limit: float) -> AfterValidator:
+    def check(vector: list[float]) -> list[float]:
+        length = math.hypot(*vector)
+        if length > limit:
+            raise ValueError(f"has length {length:.3g}, expected at most {limit:.3g}")
+        return vector
+
+    return AfterValidator(check)
 
 
 class Motion(BaseModel):
@@ -31,26 +41,14 @@ class ActionStep(BaseModel):
 
     model_config = MODEL_CONFIG
 
-    translation_m: Vector3
-    rotation_rad: Vector3
+    translation_m: Annotated[Vector3, _no_longer_than(LARGEST_STEP_M)]
+    rotation_rad: Annotated[Vector3, _no_longer_than(LARGEST_STEP_RAD)]
     """Rotation vector."""
     grasp: bool
     """True = close."""
     meant: Motion | None = None
     """What a demonstrator that disturbs itself meant to do instead: what is to be learned. No
     robot ever executes it."""
-
-    @model_validator(mode="after")
-    def _is_a_motion(self) -> Self:
-        for what, step, most in (
-            ("translation_m", self.translation_m, LARGEST_STEP_M),
-            ("rotation_rad", self.rotation_rad, LARGEST_STEP_RAD),
-        ):
-            if math.hypot(*step) > most:
-                raise ValueError(
-                    f"{what} has length {math.hypot(*step):.3g}, expected at most {most:.3g}"
-                )
-        return self
 
 
 class PolicyAction(Reply):
