@@ -33,7 +33,8 @@ MOVING_M_S = 0.15
 """The expert's ways in free space are about twice as fast at their fastest."""
 WATCHED_S = 1.3
 WAIT_S = 60.0
-ATTEMPTS = 5
+ATTEMPTS = 20
+"""A busy machine stops a robot before the fault does: a command that comes late is enough."""
 
 
 class NeverMoved(Exception):

@@ -29,6 +29,9 @@ FILES = ("compose.yaml", "compose.site.yaml")
 SERVICES = ("router", "control", "sim", "gripper", "retarget-abstract")
 """Without a policy of its own."""
 
+HOSTS = {"policy-lab": "sim-*", "policy-elsewhere": "elsewhere-*"}
+"""Policy hosts, and the cells that their certificates are for. The site's are `sim-` and more."""
+
 
 @dataclass(frozen=True)
 class Site:
@@ -37,20 +40,27 @@ class Site:
     project: Project
     client: LegatoClient
     router: str
+    given: Path
     certs: Path
+    lab: Project
 
     def settings(self, role: str) -> BusSettings:
         own = Credentials.from_folder(self.certs / role)
         return BusSettings("client", f"tls/{self.router}", "legato", own)
 
-    def evaluate(self) -> Trial:
+    def submit(self) -> str:
         wait_until(self.client.ready)
         request = EvaluationRequest(
             tasks=["lid"], robots=["abstract"], policy="legato-lid", trials=1, pictures=False
         )
-        evaluation = self.client.submit(request).id
+        return self.client.submit(request).id
+
+    def finish(self, evaluation: str) -> Trial:
         wait_until_done(self.client, evaluation, timeout_s=900.0)
         return self.client.trials(evaluation)[0]
+
+    def evaluate(self) -> Trial:
+        return self.finish(self.submit())
 
     def disturb(self, role: str) -> Trial:
         """A trial during which a role sends commands that do not fit."""
@@ -68,13 +78,12 @@ def endings(trial: Trial) -> list[tuple[str, str]]:
 
 def give_to_containers(folder: Path) -> None:
     """As `sudo chown 10001` would, where the tests are not root."""
-    command = "chown 10001 /given/*/key.pem /given/api_keys.json"
+    command = "chown 10001 /given/*/key.pem /given/*/grant*.json /given/api_keys.json"
     mount = f"--volume={folder}:/given"
     docker("run", "--rm", "--user=0", mount, "--entrypoint=sh", "legato-router", "-c", command)
 
 
-def create_key(file: Path) -> str:
-    arguments = ("keys", "create", "--name=test", "--role=operate", f"--file={file}")
+def legato(*arguments: str) -> str:
     done = subprocess.run(
         [sys.executable, "-m", "client.main", *arguments], capture_output=True, text=True
     )
@@ -82,11 +91,24 @@ def create_key(file: Path) -> str:
     return done.stdout.strip()
 
 
+def make_host(name: str, *, router: str, certs: Path) -> Project:
+    """A policy in a project of its own, which stands for another host."""
+    env = {
+        "ZENOH_ROUTER": f"tls/{router}",
+        "LEGATO_CERTS": str(certs / name),
+        "LEGATO_NODE": name,
+    }
+    return Project(files=("compose.policy.yaml",), env=env)
+
+
 @pytest.fixture(scope="module")
 def site(images, tmp_path_factory) -> Iterator[Site]:
     given, certs = tmp_path_factory.mktemp("site") / "given", tmp_path_factory.mktemp("copy") / "c"
     create_authority(given, hosts=[gateway()], days=1)
-    key = create_key(given / "api_keys.json")
+    for name, cells in HOSTS.items():
+        legato("certs", "add", "policy", f"--name={name}", f"--cell={cells}", f"--out={given}")
+    file = given / "api_keys.json"
+    key = legato("keys", "create", "--name=test", "--role=operate", f"--file={file}")
     shutil.copytree(given, certs)
     give_to_containers(given)
     rest_port, router_port = find_free_ports(2)
@@ -98,18 +120,15 @@ def site(images, tmp_path_factory) -> Iterator[Site]:
         "LEGATO_API_KEYS": str(given / "api_keys.json"),
     }
     project = Project(files=FILES, env=env)
-    remote = Project(
-        files=("compose.policy.yaml",),
-        env={"ZENOH_ROUTER": f"tls/{router}", "LEGATO_CERTS": str(given / "policy")},
-    )
+    lab = make_host("policy-lab", router=router, certs=given)
     with (
         pytest.MonkeyPatch.context() as patch,
         started(project, *SERVICES),
-        started(remote),
+        started(lab),
     ):
         patch.setenv("LEGATO_API_KEY", key)
         with LegatoClient(f"http://127.0.0.1:{rest_port}", timeout_s=60.0) as client:
-            yield Site(project, client, router, certs)
+            yield Site(project, client, router, given, certs, lab)
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +137,7 @@ def undisturbed(site) -> Trial:
 
 
 def test_a_policy_on_another_host_is_evaluated(site, undisturbed):
-    assert alive(site.client, "policy") == {"policy-remote"}
+    assert alive(site.client, "policy") == {"policy-lab"}
     ((outcome, reason),) = endings(undisturbed)
     assert outcome in ("success", "failure"), reason
 
@@ -150,11 +169,10 @@ def test_without_a_certificate_nobody_gets_in(site, capsys, tmp_path):
 
 def test_a_container_sees_its_own_key_and_cannot_change_it(site):
     for service, role in (("router", "router"), ("sim", "sim"), ("retarget-abstract", "retarget")):
-        assert site.project.inside(service, "ls /certs").split() == [
-            "ca.pem",
-            "cert.pem",
-            "key.pem",
-        ]
+        # The rights of the hosts are the router's to know.
+        more = ["grants.json"] if role == "router" else []
+        mounted = site.project.inside(service, "ls /certs").split()
+        assert mounted == ["ca.pem", "cert.pem", *more, "key.pem"]
         own = (site.certs / role / "key.pem").read_text()
         assert site.project.inside(service, "cat /certs/key.pem") == own
         assert site.project.run("exec", "-T", service, "touch", "/certs/x").returncode != 0
@@ -169,6 +187,22 @@ def test_rest_is_for_this_machine_and_the_router_for_others(site):
         if "ports" in service
     }
     assert ports == {"control": ["127.0.0.1"], "router": [gateway()]}
+
+
+def test_a_host_whose_certificate_is_for_other_cells_is_given_no_trial(site):
+    with started(make_host("policy-elsewhere", router=site.router, certs=site.given)):
+        site.lab.compose("stop")
+        try:
+            wait_until(lambda: alive(site.client, "policy") == {"policy-elsewhere"})
+            evaluation = site.submit()
+            wait_until(lambda: site.client.evaluation(evaluation).waiting_for != [])
+            (wanted,) = site.client.evaluation(evaluation).waiting_for
+            assert wanted.startswith("a cell in which")
+        finally:
+            site.lab.compose("start")
+        # Nothing else was missing.
+        ((outcome, reason),) = endings(site.finish(evaluation))[-1:]
+    assert outcome in ("success", "failure"), reason
 
 
 @pytest.mark.usefixtures("images")
