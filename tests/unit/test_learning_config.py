@@ -39,7 +39,7 @@ def test_the_papers_network_has_its_size():
 @pytest.mark.parametrize(
     ("name", "millions"),
     [
-        ("legato-compact", 3.07),
+        ("legato-compact", 1.59),
         ("legato-small", 13.18),
         ("legato-medium", 13.18),
         ("legato-large", 17.37),

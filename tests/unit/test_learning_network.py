@@ -57,6 +57,13 @@ def test_eighteen_layers():
     assert kernels.count(1) == 3
 
 
+def test_ten_layers_with_one_block_per_stage():
+    resnet = ResNet18(width=4, stages=4, blocks=1, halving_stages=3)
+    kernels = [m.kernel_size[0] for m in resnet.modules() if isinstance(m, torch.nn.Conv2d)]
+    assert len([size for size in kernels if size > 1]) + 1 == 10
+    assert resnet(torch.zeros(1, 1, 64, 64)).shape == (1, 32, 2, 2)
+
+
 @pytest.mark.parametrize(("outputs", "stride"), [(4, 1), (8, 2)])
 def test_blocks_pass_their_input_on(outputs: int, stride: int):
     block = BasicBlock(4, outputs, stride=stride)

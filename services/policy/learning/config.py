@@ -35,6 +35,8 @@ class EncoderConfig(Config, frozen=True):
     the side sees every pixel."""
     stages: Literal[3, 4] = 4
     """Of the ResNet18; three leave out the last, which costs most on a fine map."""
+    blocks: Literal[1, 2] = 2
+    """Of each stage; one makes it the ResNet10."""
     map_px: Literal[2, 4, 8, 16] = 4
     """Side of the last feature map: the last stages keep their resolution until it fits."""
     keypoints: Positive = 32

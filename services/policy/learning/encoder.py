@@ -21,6 +21,7 @@ class Encoder(nn.Module):
             inputs=config.fold**2,
             width=config.width,
             stages=config.stages,
+            blocks=config.blocks,
             halving_stages=config.halving_stages,
         )
         self.keypoints = nn.Conv2d(self.resnet.channels, config.keypoints, 1)

@@ -1,12 +1,14 @@
 """Named policies: every method in every size, `<method>-<size>`.
 
-| size | encoder: width, input, stages, map | MLP | parameters (legato) | MFLOP per step |
-|---|---|---|---|---|
-| compact | 16, 128 px folded to 64, 3, 8x8 | 2 x 512 | 3.07 M | 70 |
-| small | 16, 64 px, 4, 4x4 | 3 x 2048 | 13.18 M | 86 |
-| medium | 16, 128 px, 4, 8x8 | 3 x 2048 | 13.18 M | 276 |
-| large | 32, 128 px, 4, 4x4 | 3 x 2048 | 17.37 M | 603 |
-| paper | 64, 128 px, 4, 4x4 | 3 x 2048 | 33.88 M | 2290 |
+| size | encoder: width, input, stages x blocks, map | LSTM | MLP | parameters | MFLOP per step |
+|---|---|---|---|---|---|
+| compact | 16, 128 px folded to 64, 3 x 1, 8x8 | 2 x 256 | 2 x 512 | 1.59 M | 39 |
+| small | 16, 64 px, 4 x 2, 4x4 | 2 x 400 | 3 x 2048 | 13.18 M | 86 |
+| medium | 16, 128 px, 4 x 2, 8x8 | 2 x 400 | 3 x 2048 | 13.18 M | 276 |
+| large | 32, 128 px, 4 x 2, 4x4 | 2 x 400 | 3 x 2048 | 17.37 M | 603 |
+| paper | 64, 128 px, 4 x 2, 4x4 | 2 x 400 | 3 x 2048 | 33.88 M | 2290 |
+
+Parameters are those of `legato`.
 
 `paper` is the network of the paper with its equal loss weights. The others are made to learn from
 little: they normalise key points and layers, see no action history, give the images to the MLP
@@ -32,6 +34,7 @@ from services.policy.learning.config import (
     LegatoLossConfig,
     LegatoSe3Config,
     LegatoSe3LossConfig,
+    LstmConfig,
     MixtureConfig,
     MlpConfig,
     PolicyConfig,
@@ -44,7 +47,9 @@ _COMPACT_MIXTURE = MixtureConfig(std_floor=0.1)
 
 _ENCODERS: Mapping[str, EncoderConfig] = MappingProxyType(
     {
-        "compact": EncoderConfig(width=16, fold=2, stages=3, map_px=8, keypoint_batchnorm=True),
+        "compact": EncoderConfig(
+            width=16, fold=2, stages=3, blocks=1, map_px=8, keypoint_batchnorm=True
+        ),
         "small": EncoderConfig(width=16, input_px=64, map_px=4, keypoint_batchnorm=True),
         "medium": EncoderConfig(width=16, input_px=128, map_px=8, keypoint_batchnorm=True),
         "large": EncoderConfig(width=32, input_px=128, map_px=4, keypoint_batchnorm=True),
@@ -59,7 +64,8 @@ def _sized(size: str) -> dict[str, Any]:
     if size != "paper":
         mlp = mlp.model_copy(update={"layer_norm": True, "sees_images": True})
     history = HistoryConfig() if size == "paper" else HistoryConfig(steps=0)
-    sized = {"encoder": _ENCODERS[size], "mlp": mlp, "history": history}
+    lstm = LstmConfig(width=256) if size == "compact" else LstmConfig()
+    sized = {"encoder": _ENCODERS[size], "lstm": lstm, "mlp": mlp, "history": history}
     return sized if size == "paper" else {**sized, "mixture": _COMPACT_MIXTURE}
 
 

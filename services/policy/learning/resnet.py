@@ -1,4 +1,4 @@
-"""ResNet18 with free numbers of input channels, width and stages, and size of the last map.
+"""ResNet18 with free numbers of input channels, width, stages and blocks, and size of the last map.
 
 Stem: 7x7 convolution of stride 2, 3x3 maximum of stride 2. Four stages of two blocks with w, 2w,
 4w, 8w channels: y = relu(x' + bn(conv(relu(bn(conv(x)))))), x' = x, or a 1x1 convolution of it
@@ -43,11 +43,14 @@ class ResNet18(nn.Module):
         inputs: Channels of the image.
         width: Channels w of the first stage; each further stage doubles them.
         stages: Number of stages (4 in the original).
+        blocks: Of each stage (2 in the original).
         halving_stages: How many of the stages after the first halve the map (3 in the original).
             The map has side input / 2^(2 + halving_stages).
     """
 
-    def __init__(self, *, inputs: int = 1, width: int, stages: int, halving_stages: int) -> None:
+    def __init__(
+        self, *, inputs: int = 1, width: int, stages: int, blocks: int = 2, halving_stages: int
+    ) -> None:
         super().__init__()
         self.stem = nn.Sequential(
             _convolution(inputs, width, size=7, stride=2),
@@ -55,17 +58,15 @@ class ResNet18(nn.Module):
             nn.ReLU(),
             nn.MaxPool2d(3, stride=2, padding=1),
         )
-        blocks: list[nn.Module] = []
+        made: list[nn.Module] = []
         inputs = width
         for stage in range(stages):
             outputs = width << stage
             stride = 2 if 1 <= stage <= halving_stages else 1
-            blocks += [
-                BasicBlock(inputs, outputs, stride=stride),
-                BasicBlock(outputs, outputs, stride=1),
-            ]
+            made.append(BasicBlock(inputs, outputs, stride=stride))
+            made += [BasicBlock(outputs, outputs, stride=1) for _ in range(1, blocks)]
             inputs = outputs
-        self.stages = nn.Sequential(*blocks)
+        self.stages = nn.Sequential(*made)
         self.channels = inputs
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
