@@ -64,6 +64,8 @@ def _environment(command: Up) -> dict[str, str]:
         values["LEGATO_ROUTER"] = f"127.0.0.1:{command.router_port}"
     if command.checkpoints is not None:
         values["LEGATO_CHECKPOINTS"] = str(command.checkpoints.resolve())
+    if command.lease_s is not None:
+        values["LEGATO_LEASE_S"] = str(command.lease_s)
     return values
 
 

@@ -12,6 +12,7 @@ from annotated_types import Ge, Le, Len
 from pydantic import BaseModel, ConfigDict
 
 from common.errors import PortInUse
+from common.lease import LeaseS
 from common.messages.base import Name
 
 HOST = "127.0.0.1"
@@ -53,6 +54,8 @@ class Deployment(BaseModel):
     checkpoints: Path | None = None
     certs: Path | None = None
     log_level: str = "INFO"
+    lease_s: LeaseS | None = None
+    """How long a silent process is believed to be alive; None: as long as the services choose."""
     metrics_port: FirstPort | None = None
     """Port of the first process's metrics; the others follow, in the order of `processes`."""
 
@@ -146,6 +149,8 @@ class Deployment(BaseModel):
             # Its policy service runs the scripted expert too.
             role = "expert" if kind == "policy" else kind
             where += (f"--certs={self.certs / role}",)
+        if self.lease_s is not None:
+            where += (f"--lease-s={self.lease_s}",)
         return (*where, f"--namespace={self.namespace}", f"--log-level={self.log_level}")
 
 

@@ -18,6 +18,7 @@ from common.service import Reactor, run_process
 
 log = logging.getLogger(__name__)
 
+LEASE_S = "LEGATO_LEASE_S"
 METRICS_PORT = "LEGATO_METRICS_PORT"
 METRICS_HOST = "LEGATO_METRICS_HOST"
 
@@ -32,6 +33,7 @@ def add_bus_options(parser: argparse.ArgumentParser, *, default_node: str) -> No
     )
     add_certs_option(parser)
     parser.add_argument("--namespace", default="legato", help="deployment (%(default)s)")
+    add_lease_option(parser)
     parser.add_argument(
         "--parent-pid", type=int, default=None, help="stop when this process is gone"
     )
@@ -42,6 +44,16 @@ def add_bus_options(parser: argparse.ArgumentParser, *, default_node: str) -> No
         help="least level that is logged (%(default)s)",
     )
     add_metrics_options(parser)
+
+
+def add_lease_option(parser: argparse.ArgumentParser) -> None:
+    """Add how long silence is borne."""
+    parser.add_argument(
+        "--lease-s",
+        type=float,
+        default=os.environ.get(LEASE_S) or None,
+        help=f"seconds until a silent link counts as lost ({LEASE_S}; 1, encrypted 2)",
+    )
 
 
 def add_metrics_options(parser: argparse.ArgumentParser) -> None:
@@ -98,10 +110,13 @@ def bus_settings(args: argparse.Namespace) -> BusSettings:
 
     Raises:
         BadCertificate: `--certs` cannot be used.
-        InvalidValue: `--endpoint` and `--certs` do not go together.
+        InvalidValue: `--endpoint` and `--certs` do not go together, or there is no such lease.
     """
     return BusSettings(
-        endpoint=args.endpoint, namespace=args.namespace, credentials=load_credentials(args)
+        endpoint=args.endpoint,
+        namespace=args.namespace,
+        credentials=load_credentials(args),
+        asked_lease_s=args.lease_s,
     )
 
 

@@ -16,6 +16,9 @@ from client.supervisor import Supervisor, open_deployment
 from common.api import Evaluation, Trial
 from common.errors import LegatoError
 
+WAIT_S = 300.0
+"""Bound of every wait; reached only by a test that fails, or on a machine that does nothing."""
+
 
 @contextmanager
 def running(
@@ -25,8 +28,12 @@ def running(
     cells: int = 1,
     certs: Path | None = None,
     metrics_port: int | None = None,
+    lease_s: float = 10.0,
 ) -> Iterator[tuple[Deployment, Supervisor, LegatoClient]]:
-    """Start all processes, wait until they are ready, and stop them in every case."""
+    """Start all processes, wait until they are ready, and stop them in every case.
+
+    The lease is long: where processes are not told to hang, they do so on a busy machine alone.
+    """
     router_port, rest_port = find_free_ports(2)
     deployment = Deployment(
         robots=robots,
@@ -37,13 +44,16 @@ def running(
         data=folder,
         certs=certs,
         metrics_port=metrics_port,
+        lease_s=lease_s,
     )
     with (
         open_deployment(deployment) as supervisor,
         LegatoClient(deployment.url, timeout_s=30.0) as client,
     ):
         supervisor.start()
-        wait_until_ready(client, deployment, given_up=lambda: supervisor.given_up, deadline_s=60.0)
+        wait_until_ready(
+            client, deployment, given_up=lambda: supervisor.given_up, deadline_s=WAIT_S
+        )
         yield deployment, supervisor, client
 
 
@@ -63,7 +73,7 @@ def kill(supervisor: Supervisor, node: str) -> int:
 
 
 def wait_for_running_trial(
-    client: LegatoClient, evaluation: str, *, timeout_s: float = 60.0
+    client: LegatoClient, evaluation: str, *, timeout_s: float = WAIT_S
 ) -> Trial:
     """Wait until some trial is in the middle of an attempt."""
     deadline = time.monotonic() + timeout_s
@@ -76,7 +86,7 @@ def wait_for_running_trial(
 
 
 def wait_until_done(
-    client: LegatoClient, evaluation: str, *, timeout_s: float = 120.0
+    client: LegatoClient, evaluation: str, *, timeout_s: float = WAIT_S
 ) -> Evaluation:
     """Wait for the end of an evaluation by polling, so that a control plane may die meanwhile."""
     deadline = time.monotonic() + timeout_s

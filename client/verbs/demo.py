@@ -23,6 +23,9 @@ from client.verbs.evaluate import command_line
 from common.api import EvaluationRequest
 from common.errors import InvalidValue
 
+LEASE_S = 10.0
+"""Nothing is to be shown of processes that hang, and the machine may be busy with other things."""
+
 
 def run(command: Demo) -> int:
     """Start everything, evaluate, show, report, stop."""
@@ -51,6 +54,7 @@ def _plan(command: Demo, robots: tuple[str, ...]) -> Deployment:
             router_port=router_port,
             namespace=name,
             data=_choose_folder(command.data, name),
+            lease_s=LEASE_S,
         )
     except ValidationError as error:
         message = error.errors(include_url=False)[0]["msg"]

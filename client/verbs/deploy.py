@@ -84,6 +84,7 @@ def _plan(command: Up) -> Deployment:
             checkpoints=_find_folder("--checkpoints", command.checkpoints),
             certs=_find_folder("--certs", command.certs),
             log_level=command.log_level,
+            lease_s=command.lease_s,
             metrics_port=command.metrics_port,
         )
     except ValidationError as error:

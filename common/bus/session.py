@@ -22,13 +22,14 @@ from common.bus.access import make_access_control
 from common.bus.grants import Grant
 from common.bus.tls import Credentials
 from common.errors import InvalidValue, PortInUse, RouterRefused, RouterUnreachable
+from common.lease import ENCRYPTED_LEASE_S, LOCAL_LEASE_S, LONGEST_LEASE_S, SHORTEST_LEASE_S
 
 Profile = Literal["client", "router", "in_process"]
 
 _ATTEMPT_S = 1.0
 _ENCRYPTED = re.compile(r"tls/.+:\d+")
 CLOSE_S = 2.0
-"""Longer than the lease of 1 s, after which a link that stalls is gone anyway."""
+"""Longer than the usual lease, after which a link that stalls is gone anyway."""
 _THREADS = "ZENOH_RUNTIME"
 _FEW_THREADS = "(rx: (worker_threads: 1), app: (handover: rx), net: (handover: rx))"
 """Source: zenoh-runtime 1.10, ZRuntime."""
@@ -45,9 +46,11 @@ class BusSettings:
         credentials: Certificate, for an endpoint `tls/...`. A router that has one asks everybody
             for one and lets each role do what `common/bus/access.py` says, in this namespace only.
         grants: Router with credentials: who has the rights of a role in some cells only.
+        asked_lease_s: How long a silent link is believed to be alive [s]; see `lease_s`.
 
     Raises:
-        InvalidValue: `tls/...` without credentials, or credentials that would not be used.
+        InvalidValue: `tls/...` without credentials, or credentials that would not be used; a lease
+            that is too short to tell silence from work, or too long to be of use.
     """
 
     profile: Profile = "client"
@@ -55,6 +58,7 @@ class BusSettings:
     namespace: str = "legato"
     credentials: Credentials | None = None
     grants: tuple[Grant, ...] = ()
+    asked_lease_s: float | None = None
 
     def __post_init__(self) -> None:
         if self.credentials is not None:
@@ -63,11 +67,21 @@ class BusSettings:
                 raise InvalidValue("--endpoint", self.endpoint, "tls/host:port, because of --certs")
         elif self.endpoint.startswith("tls/"):
             raise InvalidValue("--certs", None, f"the folder of a certificate for {self.endpoint}")
+        if not SHORTEST_LEASE_S <= self.lease_s <= LONGEST_LEASE_S:
+            expected = f"seconds from {SHORTEST_LEASE_S} to {LONGEST_LEASE_S}"
+            raise InvalidValue("--lease-s", self.asked_lease_s, expected)
 
     @property
     def lease_s(self) -> float:
-        """How long a silent link is believed to be alive [s]; longer between hosts."""
-        return 1.0 if self.credentials is None else 2.0
+        """How long a silent link is believed to be alive [s].
+
+        What is asked for, or 1, or 2 with credentials, which is to say between hosts. A process
+        that hangs is lost to the others after that long. So is one that a busy machine keeps from
+        running: a sign of life is given every quarter of it.
+        """
+        if self.asked_lease_s is not None:
+            return self.asked_lease_s
+        return LOCAL_LEASE_S if self.credentials is None else ENCRYPTED_LEASE_S
 
 
 def _config(settings: BusSettings) -> zenoh.Config:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from common.api import EvaluationRequest
+from common.lease import TICK_LEASES
 from common.messages import EpisodeAbort, EpisodeConfigure, EpisodeStart, Header
 from services.control.events import TrialSpec
 
@@ -17,6 +18,7 @@ class Attempt:
         trial: The trial.
         nodes: Kind -> node of those that take part.
         epoch: Epoch of the cell; messages of another one do not count.
+        lease_s: How long a silent node is believed to be alive.
         since_ns: When it was configured, later when the owner of the cell last gave a sign.
         unready: Kinds that have not answered the configuration.
         running: Whether the episode was started.
@@ -26,6 +28,7 @@ class Attempt:
     trial: TrialSpec
     nodes: dict[str, str]
     epoch: int
+    lease_s: float
     since_ns: int
     unready: set[str] = field(init=False)
     running: bool = False
@@ -64,6 +67,7 @@ class Attempt:
             seed=self.trial.seed,
             mode=request.mode,
             nodes=self.nodes,
+            node_deadline_s=TICK_LEASES * self.lease_s,
             camera=request.camera,
             action_latency_s=request.action_latency_s,
             tracking_lag_s=request.tracking_lag_s,

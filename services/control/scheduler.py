@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from common.aborts import Cause, write_reason
 from common.errors import EmergencyStopped
+from common.lease import LOCAL_LEASE_S
 from common.messages import (
     AskDescription,
     EpisodePicture,
@@ -58,8 +59,6 @@ READY_TIMEOUT_S = 20.0
 REJOIN_S = 60.0
 SILENCE_S = 30.0
 """A cell's owner beats once a second; after this much silence it is taken to hang."""
-RETRY_AFTER_S = 1.0
-"""A node that hangs is seen after the link's lease of 1 s: do not retry with it before that."""
 
 
 def growing_epochs() -> Callable[[], int]:
@@ -81,6 +80,8 @@ class Scheduler(Reactor):
         new_epoch: Gives a larger number at each call, also after a restart.
         ready_timeout_s: How long the nodes of an episode may take to prepare it.
         rejoin_s: How long a trial waits for a node that is missing.
+        lease_s: How long a node that hangs is believed to be alive: a tick waits for an answer
+            somewhat longer, and an attempt is not repeated before that.
     """
 
     kind = "control"
@@ -101,10 +102,12 @@ class Scheduler(Reactor):
         new_epoch: Callable[[], int] | None = None,
         ready_timeout_s: float = READY_TIMEOUT_S,
         rejoin_s: float = REJOIN_S,
+        lease_s: float = LOCAL_LEASE_S,
     ) -> None:
         self._new_epoch = new_epoch or growing_epochs()
         self._ready_timeout_s = ready_timeout_s
         self._rejoin_s = rejoin_s
+        self._lease_s = lease_s
         self._registry = NodeRegistry()
         self._loading = PolicyLoading(self._registry)
         self._losses = LossWindow()
@@ -281,7 +284,7 @@ class Scheduler(Reactor):
     def _begin(
         self, run: EvaluationRun, trial: TrialSpec, nodes: dict[str, str], now_ns: int
     ) -> None:
-        attempt = Attempt(trial, nodes, self._new_epoch(), now_ns)
+        attempt = Attempt(trial, nodes, self._new_epoch(), self._lease_s, now_ns)
         self._attempts[attempt.cell] = attempt
         self._to_bus.append(attempt.configure(run.request))
         versions = self._registry.versions(nodes, policy=trial.policy)
@@ -374,7 +377,9 @@ class Scheduler(Reactor):
             return
         self._to_edge.append(AttemptEnded(attempt.trial, attempt.number, reason))
         again = replace(attempt.trial, spent=attempt.number)
-        run.put_back(again, not_before_ns=(self._now_ns or 0) + int(RETRY_AFTER_S * 1e9))
+        # Who is lost is known; without a loss somebody may hang, which is seen after a lease.
+        wait_s = min(self._lease_s, LOCAL_LEASE_S) if attempt.lost else self._lease_s
+        run.put_back(again, not_before_ns=(self._now_ns or 0) + int(wait_s * 1e9))
 
     def _end(self, run: EvaluationRun, trial: TrialSpec, reason: str) -> None:
         self._to_edge.append(TrialEnded(trial, "aborted", reason))

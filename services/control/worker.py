@@ -77,6 +77,7 @@ class Worker:
             self._settled.set()
 
     def _serve(self) -> None:
+        settings = bus_settings(self._args)
         sinks: list[ResultSink] = []
         databases: list[Database] = []
 
@@ -89,8 +90,8 @@ class Worker:
 
         try:
             run_process(
-                Scheduler(),
-                bus_settings(self._args),
+                Scheduler(lease_s=settings.lease_s),
+                settings,
                 node=self._args.node,
                 # The host handles nothing before `on_host` has returned.
                 sink=lambda event: sinks[0](event),

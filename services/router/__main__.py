@@ -15,6 +15,7 @@ from common.exposure import is_loopback
 from common.log import configure_logging
 from common.process import (
     add_certs_option,
+    add_lease_option,
     add_metrics_options,
     end_process,
     load_credentials,
@@ -59,9 +60,16 @@ def run(args: argparse.Namespace) -> None:
     install_stop_signals(stop)
     scheme = "tcp" if credentials is None else "tls"
     grants = () if credentials is None else load_grants(args.certs)
-    router = BusSettings("router", f"{scheme}/{host}:{port}", args.namespace, credentials, grants)
+    router = BusSettings(
+        "router",
+        f"{scheme}/{host}:{port}",
+        args.namespace,
+        credentials,
+        grants,
+        asked_lease_s=args.lease_s,
+    )
     own = f"{scheme}/{_LOOPBACK.get(host, host)}:{port}"
-    presence = BusSettings("client", own, args.namespace, credentials)
+    presence = BusSettings("client", own, args.namespace, credentials, asked_lease_s=args.lease_s)
     with open_session(router):
         run_process(
             Presence(),
@@ -99,6 +107,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--namespace", default="legato", help="deployment (%(default)s)")
     parser.add_argument("--node", default="router", help="name on the bus (%(default)s)")
     add_certs_option(parser)
+    add_lease_option(parser)
     parser.add_argument("--parent-pid", type=int, default=None, help="stop when it is gone")
     parser.add_argument("--log-level", default="INFO", help="least level that is logged")
     add_metrics_options(parser)

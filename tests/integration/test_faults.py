@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from datetime import datetime
 from pathlib import Path
@@ -12,6 +14,9 @@ from common.api import EvaluationRequest, Trial
 from tests.deployments import kill, running, wait_for_running_trial, wait_until_done
 
 pytestmark = pytest.mark.processes
+
+HANG_S = 3.0
+"""Longer than the usual lease, and than the usual wait for an answer."""
 
 VICTIMS = {
     "sim-0": "sim sim-0",
@@ -65,8 +70,8 @@ def test_killing_any_one_process_aborts_names_retries_and_counts_truthfully(tmp_
             assert client.trials(evaluation) == trials
 
 
-def test_a_trace_does_not_depend_on_a_retry(tmp_path: Path):
-    with running(tmp_path, robots=("panda",)) as (_, supervisor, client):
+def test_a_trace_depends_neither_on_a_retry_nor_on_a_hang_within_the_lease(tmp_path: Path):
+    with running(tmp_path, robots=("panda",), lease_s=20.0) as (_, supervisor, client):
         clean = wait_until_done(client, client.submit(request(1)).id)
         disturbed = client.submit(request(1)).id
         wait_for_running_trial(client, disturbed)
@@ -74,3 +79,13 @@ def test_a_trace_does_not_depend_on_a_retry(tmp_path: Path):
         again = wait_until_done(client, disturbed)
         assert clean.cells[0].trace_sha256 == again.cells[0].trace_sha256
         assert client.trials(disturbed)[0].attempts[0].outcome == "aborted"
+
+        halting = client.submit(request(1)).id
+        wait_for_running_trial(client, halting)
+        for node in ("policy", "retarget-panda"):
+            os.kill(supervisor.pids[node], signal.SIGSTOP)
+            time.sleep(HANG_S)
+            os.kill(supervisor.pids[node], signal.SIGCONT)
+        waited = wait_until_done(client, halting)
+        assert [len(trial.attempts) for trial in client.trials(halting)] == [1]
+        assert clean.cells[0].trace_sha256 == waited.cells[0].trace_sha256

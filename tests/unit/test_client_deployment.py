@@ -46,6 +46,19 @@ def test_checkpoints_go_to_the_policy_service(tmp_path):
         assert set(arguments) <= set(shown["policy"][1])
 
 
+def test_every_process_is_told_the_lease_if_there_is_one():
+    assert not any(
+        "--lease-s" in each for _, own in commands(Deployment()).values() for each in own
+    )
+    for _, own in commands(Deployment(lease_s=2.5)).values():
+        assert "--lease-s=2.5" in own
+
+
+def test_a_lease_that_would_lose_everybody_is_refused(tmp_path):
+    with pytest.raises(InvalidValue, match="--lease-s"):
+        up(Up(data=tmp_path, lease_s=0.1))
+
+
 def test_every_process_has_the_certificate_of_its_role(tmp_path):
     shown = commands(Deployment(robots=("abstract",), certs=tmp_path))
     roles = {"retarget-abstract": "retarget", "sim-0": "sim", "policy": "expert"}

@@ -13,7 +13,7 @@ from client.containers import compose_down, compose_up
 from client.verbs.deploy import down, up
 from common.errors import InvalidValue, MissingProgram, UnknownName
 
-NAMES = ("COMPOSE_PROFILES", "LEGATO_PORT", "LEGATO_ROUTER", "LEGATO_CHECKPOINTS")
+NAMES = ("COMPOSE_PROFILES", "LEGATO_PORT", "LEGATO_ROUTER", "LEGATO_CHECKPOINTS", "LEGATO_LEASE_S")
 
 
 @pytest.fixture
@@ -59,6 +59,7 @@ def test_options_become_what_compose_knows(docker, tmp_path, monkeypatch):
         port=8100,
         router_port=7500,
         checkpoints=Path("mine"),
+        lease_s=5,
     )
     assert up(command) == 0
     arguments, environment = read(docker)
@@ -68,6 +69,7 @@ def test_options_become_what_compose_knows(docker, tmp_path, monkeypatch):
         "LEGATO_PORT": "8100",
         "LEGATO_ROUTER": "127.0.0.1:7500",
         "LEGATO_CHECKPOINTS": str(tmp_path / "mine"),
+        "LEGATO_LEASE_S": "5",
     }
 
 

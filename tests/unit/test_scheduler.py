@@ -249,6 +249,28 @@ def test_retry_waits_until_a_hanging_node_would_have_been_noticed():
     assert one(EpisodeConfigure, bench.tick(0.2)).seed == configure.seed
 
 
+def test_a_longer_lease_lengthens_what_a_tick_and_a_retry_wait():
+    assert one(EpisodeConfigure, Bench().submit()).node_deadline_s == pytest.approx(1.6)
+    bench = Bench(lease_s=5.0)
+    configure = one(EpisodeConfigure, bench.submit())
+    assert configure.node_deadline_s == pytest.approx(8.0)
+    bench.ready(configure)
+    bench.end(configure, "aborted", "policy silent")
+    assert only(EpisodeConfigure, bench.tick(4.9)) == []
+    assert one(EpisodeConfigure, bench.tick(0.2)).seed == configure.seed
+
+
+def test_a_retry_after_a_loss_does_not_wait_for_a_long_lease():
+    bench = Bench(lease_s=5.0)
+    bench.ready(one(EpisodeConfigure, bench.submit()))
+    bench.down(("retarget", "retarget-panda"))
+    bench.up("retarget", "retarget-panda")
+    out = [m for _ in range(3) for m in bench.tick()]
+    assert len(only(EpisodeAbort, out)) == 1
+    assert only(EpisodeConfigure, bench.tick(0.9)) == []
+    assert len(only(EpisodeConfigure, bench.tick(0.2))) == 1
+
+
 def test_abort_by_the_cell_counts_as_an_attempt_and_is_not_sent_back():
     bench = Bench()
     configure = one(EpisodeConfigure, bench.submit())
