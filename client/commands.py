@@ -135,8 +135,7 @@ class Up(Command):
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
     """Least level that the services log."""
     lease_s: float | None = None
-    """Seconds until a silent process counts as lost (1, with certificates 2). More for a machine
-    that is busy, on which a process may be kept waiting for that long."""
+    """Seconds until a silent process counts as lost (1, encrypted 2); 10 for a busy machine."""
     metrics_port: int | None = None
     """TCP port of the router's metrics for Prometheus; the other processes take the next ones."""
     foreground: bool = False
