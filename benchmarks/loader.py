@@ -1,13 +1,14 @@
 """Frames per second that the training's loader gathers, beside what the memory allows.
 
-Run: python -m benchmarks.loader [FOLDER] [--updates 200]
+Run: python -m benchmarks.loader [FOLDER] [--updates 200] [--threads 2]
 
 FOLDER is a recorded data set; without one, a data set of noise is made for the time of the run, as
-large as 150 demonstrations. One thread, random windows of 20 frames in batches of 16, with all
+large as 150 demonstrations. Random windows of 20 frames in batches of 16, with all
 columns that an update needs. "plain" are the windows as they are, "varied" are moved and changed in
 gray level: the batches of `legato train`. "copy" is numpy copying the same images, window by
-window, and nothing else. All three take turns in every update; medians. The time of a thread on the
-processor leaves out what other programs take of it. Where robomimic's environment exists
+window, and nothing else. "varied, 2 threads" are those of `legato train --threads 2`. All take
+turns in every update; medians. The time on the processor, of all threads, leaves out what other
+programs take of it. Where robomimic's environment exists
 (`python -m benchmarks.versus_robomimic` makes it), its loader is measured too.
 """
 
@@ -53,7 +54,7 @@ ROBOMIMIC_CACHES = {"all": "all windows in memory", "low_dim": "images from the 
 PRESETS = {64: "legato-small", 128: "legato-compact"}
 
 Times = Sequence[tuple[float, float]]
-"""Wall time and time on the processor of each update [s]."""
+"""Wall time and time on the processor, of all threads, of each update [s]."""
 
 
 def main() -> int:
@@ -61,6 +62,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="benchmarks.loader", description=__doc__)
     parser.add_argument("folder", type=Path, nargs="?", help="of a data set")
     parser.add_argument("--updates", type=int, default=200, help="(%(default)s)")
+    parser.add_argument("--threads", type=int, default=2, help="of the last rows (%(default)s)")
     args = parser.parse_args()
     print(describe_machine(["numba", "numpy", "torch"]))
     with tempfile.TemporaryDirectory() as temporary:
@@ -69,7 +71,7 @@ def main() -> int:
         print(f"{len(store)} episodes, {store.rows} rows; asked: {ASKED:,} frames/s")
         print(f"\n{'frames per second':34s}{'by wall time':>14s}{'by CPU time':>14s}{'GB/s':>8s}")
         for px in PRESETS:
-            measure(store.folder, px, updates=args.updates)
+            measure(store.folder, px, updates=args.updates, threads=args.threads)
         if ROBOMIMIC.is_file():
             measure_robomimic(ROBOMIMIC, store, work)
         else:
@@ -101,7 +103,7 @@ def make_rows(spec: DatasetSpec, random: np.random.Generator) -> EpisodeRows:
     return EpisodeRows(columns)
 
 
-def measure(folder: Path, px: int, *, updates: int) -> None:
+def measure(folder: Path, px: int, *, updates: int, threads: int) -> None:
     """Print the rows of one size of images."""
     config = TrainingConfig(
         network=load_preset(PRESETS[px]), validation_share=0.0, longest_episode_s=1e3
@@ -117,6 +119,7 @@ def measure(folder: Path, px: int, *, updates: int) -> None:
         "copy": make_copy(data, loader, window=window, batch=batch),
         "plain": plain,
         "varied": loader.batch,
+        f"varied, {threads} threads": WindowLoader(data, config, threads=threads).batch,
     }
     times = take_turns(list(ways.values()), updates=updates)
     for name, taken in zip(ways, times, strict=True):
@@ -142,9 +145,9 @@ def take_turns(functions: Sequence[Callable[[int], object]], *, updates: int) ->
     times: list[list[tuple[float, float]]] = [[] for _ in functions]
     for update in range(updates):
         for function, taken in zip(functions, times, strict=True):
-            began_s, began_cpu_s = time.perf_counter(), time.thread_time()
+            began_s, began_cpu_s = time.perf_counter(), time.process_time()
             function(update)
-            taken.append((time.perf_counter() - began_s, time.thread_time() - began_cpu_s))
+            taken.append((time.perf_counter() - began_s, time.process_time() - began_cpu_s))
     return [taken[updates // 10 :] for taken in times]
 
 

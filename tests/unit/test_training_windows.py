@@ -42,6 +42,15 @@ def test_an_update_does_not_depend_on_those_before_it(data: TrainingData):
     assert first.batch(65).images.equal(second.batch(65).images)
 
 
+@pytest.mark.parametrize("threads", [2, 3, 64])
+def test_threads_change_nothing(data: TrainingData, threads: int):
+    alone, shared = WindowLoader(data, CONFIG), WindowLoader(data, CONFIG, threads=threads)
+    for update in range(20):
+        assert alone.batch(update).images.equal(shared.batch(update).images)
+    for here, there in zip(alone.validation(), shared.validation(), strict=True):
+        assert here.images.equal(there.images)
+
+
 def test_a_batch_is_overwritten_by_the_next(data: TrainingData):
     loader = WindowLoader(data, CONFIG)
     first = loader.batch(0).images

@@ -15,6 +15,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol, cast
 
+import torch
+
 from common.errors import NotWritable
 from services.policy.learning.normalization import ActionStatistics
 from services.policy.training.config import TrainingConfig
@@ -109,13 +111,12 @@ class Run:
         self._folder, self._config = folder, config
         self._placement, self._progress, self._intervals = placement, progress, intervals
         self.statistics = ActionStatistics.of(data.training_actions())
-        self._loader = WindowLoader(
-            data, config, rank=placement.rank, world_size=placement.world_size
-        )
+        rank, world_size = placement.rank, placement.world_size
+        # As many as the network computes with, which waits while windows are gathered.
+        threads = torch.get_num_threads()
+        self._loader = WindowLoader(data, config, rank=rank, world_size=world_size, threads=threads)
         self._first = 0 if config.pretraining is None else config.pretraining.updates
-        self._frames = open_frames(
-            data, config, rank=placement.rank, world_size=placement.world_size
-        )
+        self._frames = open_frames(data, config, rank=rank, world_size=world_size, threads=threads)
         if placement.leads:
             _claim(folder, config, data.origin.sha256)
         self._trainer = Trainer(config, self.statistics, placement)

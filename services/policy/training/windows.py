@@ -7,7 +7,8 @@ An episode of n rows has windows that start at clip(s, 0, n - T), s uniform over
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 
@@ -75,13 +76,20 @@ class WindowLoader:
         config: Of the run.
         rank: Which share of each batch this process takes.
         world_size: Number of shares.
+        threads: Among which the windows of a batch are shared; they do not change what is loaded.
 
     Raises:
         InvalidValue: The windows of a batch cannot be shared equally.
     """
 
     def __init__(
-        self, data: TrainingData, config: TrainingConfig, *, rank: int = 0, world_size: int = 1
+        self,
+        data: TrainingData,
+        config: TrainingConfig,
+        *,
+        rank: int = 0,
+        world_size: int = 1,
+        threads: int = 1,
     ) -> None:
         if config.batch_windows % world_size:
             expected = f"a multiple of {world_size}, the number of processes"
@@ -94,6 +102,9 @@ class WindowLoader:
         self._columns = _Columns.of(data, config.network)
         self._memory = np.empty((0, self._window, 2, data.frames.px, data.frames.px), np.uint8)
         self._drawn = (-1, np.empty((0, 0), np.int64), np.empty((0, 0, 0), np.int64))
+        # One share is done by whoever asks.
+        self._threads = threads
+        self._pool = ThreadPoolExecutor(threads - 1, "loader") if threads > 1 else None
 
     def batch(self, update: int) -> WindowBatch:
         """This process's share of the batch of an update, varied as the config says."""
@@ -137,13 +148,17 @@ class WindowLoader:
         if len(rows) > len(self._memory):
             self._memory = np.empty((len(rows), *self._memory.shape[1:]), np.uint8)
         images = self._memory[: len(rows)]
+        how = [None] * len(rows) if variations is None else variations.tolist()
         windows = self._frames.windows(rows, self._window)
-        if variations is None:
-            for copy, window in zip(images, windows, strict=True):
-                copy[...] = window
+        work = list(zip(windows, images, how, strict=True))
+        if self._pool is None:
+            _copy_windows(work)
             return images
-        for copy, window, how in zip(images, windows, variations.tolist(), strict=True):
-            vary(window, copy, *how)
+        shares = [work[first :: self._threads] for first in range(self._threads)]
+        others = [self._pool.submit(_copy_windows, share) for share in shares[1:]]
+        _copy_windows(shares[0])
+        for other in others:
+            other.result()
         return images
 
     def validation(self) -> Iterator[WindowBatch]:
@@ -153,8 +168,17 @@ class WindowLoader:
             yield self.gather(rows[start : start + self._config.batch_windows])
 
 
+def _copy_windows(work: Iterable[tuple[Images, Images, list[int] | None]]) -> None:
+    """From where they are to where they go, varied as is said."""
+    for window, copy, variation in work:
+        if variation is None:
+            copy[...] = window
+        else:
+            vary(window, copy, *variation)
+
+
 def open_frames(
-    data: TrainingData, config: TrainingConfig, *, rank: int, world_size: int
+    data: TrainingData, config: TrainingConfig, *, rank: int, world_size: int, threads: int = 1
 ) -> WindowLoader:
     """Windows of a single frame for the encoders, in the batches of the pretraining."""
     network = config.network.model_copy(update={"window": 1})
@@ -162,7 +186,7 @@ def open_frames(
     if config.pretraining is not None:
         changes["batch_windows"] = config.pretraining.batch_frames
     single = config.model_copy(update=changes)
-    return WindowLoader(data, single, rank=rank, world_size=world_size)
+    return WindowLoader(data, single, rank=rank, world_size=world_size, threads=threads)
 
 
 def list_windows(spans: Spans, window: int) -> Indices:
