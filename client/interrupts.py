@@ -30,6 +30,15 @@ def stop_on_signals(stop: threading.Event) -> None:
         signal.signal(number, lambda number, frame: stop.set())
 
 
+def was_interrupted() -> bool:
+    """Whether a KeyboardInterrupt was raised since `install_interrupts`.
+
+    One that comes inside a callback of an extension may arrive as that extension's own error:
+    pydantic gives a PydanticSerializationError.
+    """
+    return signal.getsignal(signal.SIGINT) is _ignore
+
+
 @contextmanager
 def postpone_interrupts(stop: threading.Event) -> Generator[None, None, None]:
     """Let SIGINT and SIGTERM set an event inside a block that must end in an orderly way."""

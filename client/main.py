@@ -21,7 +21,7 @@ from tyro.conf import FlagCreatePairsOff
 from client import commands
 from client.errors import WrongUse
 from client.failures import exit_code_of, format_error
-from client.interrupts import INTERRUPTED, install_interrupts
+from client.interrupts import INTERRUPTED, install_interrupts, was_interrupted
 from common import __version__
 from common.errors import LegatoError, UnknownName
 
@@ -77,6 +77,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BrokenPipeError:
         # The reader of a pipe has seen enough, e.g. `legato topic echo ... | head`.
         os._exit(0)
+    except Exception:
+        if not was_interrupted():
+            raise
+        code = INTERRUPTED
     if code == INTERRUPTED:
         _leave(code)
     sys.exit(code)

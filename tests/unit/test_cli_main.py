@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import httpx
 import pytest
@@ -293,3 +295,28 @@ def test_exit_codes():
 def test_a_refusal_shows_its_own_code_and_every_field():
     error = refusal(422, errors=[{"field": "trials", "happened": "trials is 0"}])
     assert format_error(error) == "E-X  d; e; a\n  trials: trials is 0"
+
+
+SERIALISING = """
+import os, signal
+from pydantic import BaseModel, field_serializer
+from client import main
+
+class Note(BaseModel):
+    text: str = ""
+
+    @field_serializer("text")
+    def write(self, text: str) -> str:
+        os.kill(os.getpid(), signal.SIGTERM)
+        return text
+
+main.run = lambda arguments: Note().model_dump_json()
+main.main([])
+"""
+
+
+def test_an_interrupt_that_an_extension_wraps_up_is_one():
+    done = subprocess.run(
+        [sys.executable, "-c", SERIALISING], capture_output=True, text=True, timeout=120
+    )
+    assert (done.returncode, done.stderr) == (130, "")
