@@ -21,6 +21,7 @@ from common import __version__
 from common.api import EvaluationRequest, ProgressEvent, Trial
 from common.bus import BusSettings, LocalBus, open_session
 from common.errors import InvalidValue, MissingExtra, UntrainedTask
+from common.lease import LONGEST_LEASE_S
 from common.messages import LocalMessage
 from common.robots import list_robots
 from common.robots.menagerie import find_menagerie
@@ -242,7 +243,8 @@ def _open(
 
     settings = BusSettings(profile="in_process", namespace=f"offline-{secrets.token_hex(4)}")
     with open_session(settings) as session, LocalBus(session) as bus:
-        control = Host(Scheduler(), bus, node="control", sink=sink)
+        # Nobody can be lost, but the machine may stand still for a while.
+        control = Host(Scheduler(lease_s=LONGEST_LEASE_S), bus, node="control", sink=sink)
         hosts = [Host(each, bus, node=node) for node, each in nodes]
         if recorder is not None:
             listener, recorder_sink = recorder

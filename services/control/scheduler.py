@@ -81,7 +81,7 @@ class Scheduler(Reactor):
         ready_timeout_s: How long the nodes of an episode may take to prepare it.
         rejoin_s: How long a trial waits for a node that is missing.
         lease_s: How long a node that hangs is believed to be alive: a tick waits for an answer
-            somewhat longer, and an attempt is not repeated before that.
+            somewhat longer, and an attempt that lacked commands is not repeated before that.
     """
 
     kind = "control"
@@ -377,8 +377,10 @@ class Scheduler(Reactor):
             return
         self._to_edge.append(AttemptEnded(attempt.trial, attempt.number, reason))
         again = replace(attempt.trial, spent=attempt.number)
-        # Who is lost is known; without a loss somebody may hang, which is seen after a lease.
-        wait_s = min(self._lease_s, LOCAL_LEASE_S) if attempt.lost else self._lease_s
+        # A robot that was left without commands was perhaps by a node that hangs, which is seen
+        # after a lease only.
+        hangs = reason.startswith(Cause.ROBOT_FAULT)
+        wait_s = self._lease_s if hangs else min(self._lease_s, LOCAL_LEASE_S)
         run.put_back(again, not_before_ns=(self._now_ns or 0) + int(wait_s * 1e9))
 
     def _end(self, run: EvaluationRun, trial: TrialSpec, reason: str) -> None:

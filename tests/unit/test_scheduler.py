@@ -255,12 +255,22 @@ def test_a_longer_lease_lengthens_what_a_tick_and_a_retry_wait():
     configure = one(EpisodeConfigure, bench.submit())
     assert configure.node_deadline_s == pytest.approx(8.0)
     bench.ready(configure)
-    bench.end(configure, "aborted", "policy silent")
+    bench.end(configure, "aborted", "robot_fault: no command for 50 ms")
     assert only(EpisodeConfigure, bench.tick(4.9)) == []
     assert one(EpisodeConfigure, bench.tick(0.2)).seed == configure.seed
 
 
-def test_a_retry_after_a_loss_does_not_wait_for_a_long_lease():
+@pytest.mark.parametrize("reason", ["node_timeout: policy silent", "node_problem: says why"])
+def test_a_retry_after_what_shows_that_nobody_hangs_does_not_wait_for_a_long_lease(reason: str):
+    bench = Bench(lease_s=5.0)
+    configure = one(EpisodeConfigure, bench.submit())
+    bench.ready(configure)
+    bench.end(configure, "aborted", reason)
+    assert only(EpisodeConfigure, bench.tick(0.9)) == []
+    assert one(EpisodeConfigure, bench.tick(0.2)).seed == configure.seed
+
+
+def test_nor_does_one_after_a_loss():
     bench = Bench(lease_s=5.0)
     bench.ready(one(EpisodeConfigure, bench.submit()))
     bench.down(("retarget", "retarget-panda"))
