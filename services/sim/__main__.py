@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 
-def main() -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Run a simulated cell until SIGTERM."""
     # Threads of a BLAS library fight with the other processes for the cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -29,7 +30,7 @@ def main() -> int:
         default=None,
         help="write the tool's pose after every tick to this CSV file (docs/safety.md)",
     )
-    args = parser.parse_args()
+    args = parser.parse_args(argv)
 
     from services.sim.reactor import SimReactor
     from services.sim.tool_log import ToolLog

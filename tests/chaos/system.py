@@ -19,6 +19,7 @@ class CabledDeployment(Deployment):
     """A deployment whose nodes reach the router through cables."""
 
     cable_ports: dict[str, int]
+    trial_s: float
 
     def processes(self) -> tuple[ProcessSpec, ...]:
         """Those of `legato up`, at the near end of their cables, with short trials."""
@@ -30,8 +31,10 @@ class CabledDeployment(Deployment):
             f"--endpoint=tcp/{HOST}:{port}" if argument.startswith("--endpoint=") else argument
             for argument in spec.arguments
         )
-        module = "tests.chaos.sim" if spec.kind == "sim" else spec.module
-        return replace(spec, module=module, arguments=arguments)
+        if spec.kind != "sim":
+            return replace(spec, arguments=arguments)
+        limited = (*arguments, f"--trial-s={self.trial_s}")
+        return replace(spec, module="tests.chaos.sim", arguments=limited)
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,13 @@ class System:
 
 
 @contextmanager
-def running_system(folder: Path, *, robots: tuple[str, ...], cells: int) -> Iterator[System]:
-    """Start everything, wait until it is ready, and stop it in every case."""
+def running_system(
+    folder: Path, *, robots: tuple[str, ...], cells: int, trial_s: float = 3.0
+) -> Iterator[System]:
+    """Start everything, wait until it is ready, and stop it in every case.
+
+    Trials of the cup end after `trial_s` of simulated time.
+    """
     plan = Deployment(robots=robots, cells=cells)
     cabled = [spec.node for spec in plan.processes() if spec.kind != "router"]
     router_port, rest_port, *cable_ports = find_server_ports(2 + len(cabled))
@@ -63,6 +71,7 @@ def running_system(folder: Path, *, robots: tuple[str, ...], cells: int) -> Iter
         namespace=f"chaos-{rest_port}",
         data=folder,
         cable_ports=dict(zip(cabled, cable_ports, strict=True)),
+        trial_s=trial_s,
     )
     cables = {node: Cable(port, router_port) for node, port in deployment.cable_ports.items()}
     try:
