@@ -56,7 +56,7 @@ def try_all(
     return hit.min(axis=1), doubtful.any(axis=1)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     count=st.integers(1, 150),
     size=st.sampled_from([1e-3, 0.05, 1.0]),
@@ -79,7 +79,7 @@ def test_the_tree_finds_what_every_triangle_gives(count: int, size: float, seed:
     assert (some >= distances).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(count=st.integers(1, 300), seed=st.integers(0, 2**31))
 def test_every_triangle_is_in_one_leaf_and_in_its_boxes(count: int, seed: int):
     corners = scatter(count, 0.2, seed)

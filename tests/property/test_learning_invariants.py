@@ -44,7 +44,7 @@ def phi(poses: list[Array], form: InvariantForm) -> Array:
 
 
 @pytest.mark.parametrize("form", FORMS, ids=str)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=seeds, w=rotation_vector, p=offsets)
 def test_motion_of_the_world_changes_nothing(
     form: InvariantForm, seed: int, w: list[float], p: list[float]
@@ -55,7 +55,7 @@ def test_motion_of_the_world_changes_nothing(
 
 
 @pytest.mark.parametrize("form", FORMS, ids=str)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=seeds, w=rotation_vector)
 def test_rotation_of_the_tool_changes_nothing(form: InvariantForm, seed: int, w: list[float]):
     path, T_tool_new = random_path(seed), make_pose(exp3(w), [0.0] * 3)
@@ -64,7 +64,7 @@ def test_rotation_of_the_tool_changes_nothing(form: InvariantForm, seed: int, w:
 
 
 @pytest.mark.parametrize("form", FORMS, ids=str)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=seeds)
 def test_a_lever_arm_changes_the_linear_part_only(form: InvariantForm, seed: int):
     path, T_tool_new = random_path(seed), make_pose(np.eye(3), [0.2, 0.0, 0.0])
@@ -75,7 +75,7 @@ def test_a_lever_arm_changes_the_linear_part_only(form: InvariantForm, seed: int
     assert angular.max() < 1e-9
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=seeds, factor=st.floats(0.5, 4.0))
 def test_scale_leaves_the_papers_angles(seed: int, factor: float):
     deltas = torch.tensor(random_deltas(STEPS, seed=seed))
@@ -87,7 +87,7 @@ def test_scale_leaves_the_papers_angles(seed: int, factor: float):
     torch.testing.assert_close(scaled[STEPS:], values[STEPS:], atol=1e-9, rtol=0)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=seeds)
 def test_sampling_in_time_matters(seed: int):
     path = random_path(seed)

@@ -23,21 +23,21 @@ def _one_thread():
     torch.set_num_threads(before)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(moderate | tiny)
 def test_exp_equals_numpy(w: list[float]):
     R = exp3(torch.tensor(w, dtype=torch.float64))
     np.testing.assert_allclose(R, se3.exp3(w), atol=1e-14)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(moderate | tiny)
 def test_log_inverts_exp(w: list[float]):
     vector = torch.tensor(w, dtype=torch.float64)
     torch.testing.assert_close(log3(exp3(vector)), vector, atol=1e-11, rtol=0)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(moderate | tiny, moderate)
 def test_products(w: list[float], v: list[float]):
     x = torch.tensor(v).double()

@@ -73,13 +73,13 @@ def assert_tiles_cover(lens: Lens) -> None:
     assert covered.max() == 1
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(width=st.integers(1, 70), height=st.integers(1, 70))
 def test_tiles_of_pinholes_of_any_size_cover_them(width: int, height: int):
     assert_tiles_cover(build_pinhole(width, height, 60.0)._replace(coarse=np.zeros((0, 0))))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     width=st.integers(2, 70), height=st.integers(2, 70), name=st.sampled_from(["t265", "pinhole"])
 )
