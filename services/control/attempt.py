@@ -18,7 +18,6 @@ class Attempt:
         trial: The trial.
         nodes: Kind -> node of those that take part.
         epoch: Epoch of the cell; messages of another one do not count.
-        lease_s: How long a silent node is believed to be alive.
         since_ns: When it was configured, later when the owner of the cell last gave a sign.
         unready: Kinds that have not answered the configuration.
         running: Whether the episode was started.
@@ -28,7 +27,6 @@ class Attempt:
     trial: TrialSpec
     nodes: dict[str, str]
     epoch: int
-    lease_s: float
     since_ns: int
     unready: set[str] = field(init=False)
     running: bool = False
@@ -57,8 +55,8 @@ class Attempt:
             epoch=self.epoch,
         )
 
-    def configure(self, request: EvaluationRequest) -> EpisodeConfigure:
-        """The message that prepares it."""
+    def configure(self, request: EvaluationRequest, *, lease_s: float) -> EpisodeConfigure:
+        """The message that prepares it, where a silent node is believed to be alive for a lease."""
         return EpisodeConfigure(
             header=self.header,
             task=self.trial.task,
@@ -67,7 +65,7 @@ class Attempt:
             seed=self.trial.seed,
             mode=request.mode,
             nodes=self.nodes,
-            node_deadline_s=TICK_LEASES * self.lease_s,
+            node_deadline_s=TICK_LEASES * lease_s,
             camera=request.camera,
             action_latency_s=request.action_latency_s,
             tracking_lag_s=request.tracking_lag_s,

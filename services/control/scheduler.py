@@ -81,7 +81,7 @@ class Scheduler(Reactor):
         ready_timeout_s: How long the nodes of an episode may take to prepare it.
         rejoin_s: How long a trial waits for a node that is missing.
         lease_s: How long a node that hangs is believed to be alive: a tick waits for an answer
-            somewhat longer, and an attempt that lacked commands is not repeated before that.
+            somewhat longer, and an attempt in real time is not repeated before that.
     """
 
     kind = "control"
@@ -284,9 +284,9 @@ class Scheduler(Reactor):
     def _begin(
         self, run: EvaluationRun, trial: TrialSpec, nodes: dict[str, str], now_ns: int
     ) -> None:
-        attempt = Attempt(trial, nodes, self._new_epoch(), self._lease_s, now_ns)
+        attempt = Attempt(trial, nodes, self._new_epoch(), now_ns)
         self._attempts[attempt.cell] = attempt
-        self._to_bus.append(attempt.configure(run.request))
+        self._to_bus.append(attempt.configure(run.request, lease_s=self._lease_s))
         versions = self._registry.versions(nodes, policy=trial.policy)
         self._to_edge.append(
             AttemptStarted(trial, attempt.number, attempt.epoch, attempt.cell, versions)
@@ -377,10 +377,10 @@ class Scheduler(Reactor):
             return
         self._to_edge.append(AttemptEnded(attempt.trial, attempt.number, reason))
         again = replace(attempt.trial, spent=attempt.number)
-        # A robot that was left without commands was perhaps by a node that hangs, which is seen
-        # after a lease only.
-        hangs = reason.startswith(Cause.ROBOT_FAULT)
-        wait_s = self._lease_s if hangs else min(self._lease_s, LOCAL_LEASE_S)
+        # In lockstep a tick has waited longer than a lease for a node that hangs; in real time one
+        # may hang that is still believed to be alive.
+        unseen = run.request.mode == "realtime"
+        wait_s = self._lease_s if unseen else min(self._lease_s, LOCAL_LEASE_S)
         run.put_back(again, not_before_ns=(self._now_ns or 0) + int(wait_s * 1e9))
 
     def _end(self, run: EvaluationRun, trial: TrialSpec, reason: str) -> None:

@@ -18,7 +18,7 @@ import zenoh
 from common import messages as m
 from common.bus import Bus, BusSettings, Inbox, Received, decode, open_session
 from common.bus.threads import KeptThreads
-from common.errors import PortInUse, RouterUnreachable
+from common.errors import InvalidValue, PortInUse, RouterUnreachable
 from common.topics import topic_of
 
 ROOT = Path(__file__).parents[2]
@@ -185,6 +185,12 @@ def test_waiting_for_a_router_obeys_stop():
     ):
         pass
     assert time.monotonic() - started < 30
+
+
+@pytest.mark.parametrize("lease_s", [0.1, 61.0, float("nan")])
+def test_a_lease_that_would_lose_everybody_or_nobody_is_refused(lease_s: float):
+    with pytest.raises(InvalidValue, match="--lease-s"):
+        BusSettings(asked_lease_s=lease_s)
 
 
 def test_a_router_port_in_use_is_a_clear_error():
